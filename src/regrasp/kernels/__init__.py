@@ -1,0 +1,1 @@
+"""Numba kernels on arrays: rotations, surfaces, contact kinematics, chains, distances and the force linear program."""

@@ -1,0 +1,111 @@
+"""Rotations and rigid motions on plain arrays: the exponential map of SO(3) and products of 3×3 matrices.
+
+Every kernel that turns something uses these; nothing here allocates.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def cross(a: Array, b: Array, out: Array) -> None:
+    """out = a × b."""
+    x = a[1] * b[2] - a[2] * b[1]
+    y = a[2] * b[0] - a[0] * b[2]
+    z = a[0] * b[1] - a[1] * b[0]
+    out[0], out[1], out[2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def dot(a: Array, b: Array) -> float:
+    """aᵀb of two 3-vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True)
+def norm(a: Array) -> float:
+    """Euclidean length of a 3-vector."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@njit(cache=True, nogil=True)
+def rotate(R: Array, a: Array, out: Array) -> None:
+    """out = R a (out may be a)."""
+    x = R[0, 0] * a[0] + R[0, 1] * a[1] + R[0, 2] * a[2]
+    y = R[1, 0] * a[0] + R[1, 1] * a[1] + R[1, 2] * a[2]
+    z = R[2, 0] * a[0] + R[2, 1] * a[1] + R[2, 2] * a[2]
+    out[0], out[1], out[2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def rotate_back(R: Array, a: Array, out: Array) -> None:
+    """out = Rᵀ a (out may be a)."""
+    x = R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2]
+    y = R[0, 1] * a[0] + R[1, 1] * a[1] + R[2, 1] * a[2]
+    z = R[0, 2] * a[0] + R[1, 2] * a[1] + R[2, 2] * a[2]
+    out[0], out[1], out[2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def multiply(A: Array, B: Array, out: Array) -> None:
+    """out = A B (out must be neither A nor B)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@njit(cache=True, nogil=True)
+def multiply_back(A: Array, B: Array, out: Array) -> None:
+    """out = Aᵀ B (out must be neither A nor B)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
+
+
+@njit(cache=True, nogil=True)
+def exp(w: Array, R: Array) -> None:
+    """R = exp([w]), the rotation by |w| rad about w (Rodrigues), exact to round-off at w = 0 too."""
+    a2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    a = math.sqrt(a2)
+    if a2 < 1e-8:  # the series is more accurate than the quotient here
+        s = 1.0 - a2 / 6.0
+        c = 0.5 - a2 / 24.0
+    else:
+        s = math.sin(a) / a
+        c = (1.0 - math.cos(a)) / a2
+    x, y, z = w[0], w[1], w[2]
+    R[0, 0] = 1.0 - c * (y * y + z * z)
+    R[1, 1] = 1.0 - c * (x * x + z * z)
+    R[2, 2] = 1.0 - c * (x * x + y * y)
+    R[0, 1], R[1, 0] = c * x * y - s * z, c * x * y + s * z
+    R[0, 2], R[2, 0] = c * x * z + s * y, c * x * z - s * y
+    R[1, 2], R[2, 1] = c * y * z - s * x, c * y * z + s * x
+
+
+@njit(cache=True, nogil=True)
+def log(R: Array, w: Array) -> None:
+    """w with exp([w]) = R and |w| ≤ π, through the unit quaternion so that it holds at π as well."""
+    # Shepperd 1978: divide by the largest of the four squared components.
+    t = R[0, 0] + R[1, 1] + R[2, 2]
+    if t >= R[0, 0] and t >= R[1, 1] and t >= R[2, 2]:
+        qw = 1.0 + t
+        x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
+        qw = R[2, 1] - R[1, 2]
+        x, y, z = 1.0 + R[0, 0] - R[1, 1] - R[2, 2], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
+    elif R[1, 1] >= R[2, 2]:
+        qw = R[0, 2] - R[2, 0]
+        x, y, z = R[0, 1] + R[1, 0], 1.0 + R[1, 1] - R[0, 0] - R[2, 2], R[1, 2] + R[2, 1]
+    else:
+        qw = R[1, 0] - R[0, 1]
+        x, y, z = R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 + R[2, 2] - R[0, 0] - R[1, 1]
+    if qw < 0.0:
+        qw, x, y, z = -qw, -x, -y, -z
+    s = math.sqrt(x * x + y * y + z * z)
+    k = 2.0 / qw if s < 1e-12 * qw else 2.0 * math.atan2(s, qw) / s
+    w[0], w[1], w[2] = k * x, k * y, k * z

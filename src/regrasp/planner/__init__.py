@@ -1,0 +1,1 @@
+"""The method: contact motions annealed between subgoals, subgoals found by A*."""

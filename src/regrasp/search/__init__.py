@@ -1,0 +1,1 @@
+"""Annealing and A*: general searches that know no robot."""

@@ -1,0 +1,1 @@
+"""The judges: the certificate of a plan, sharing no mathematics with the planner."""
