@@ -30,6 +30,8 @@ _PRIMAL = 1e-11
 _DUAL = 1e-10
 # Entries of a pivot row below this part of its length are round-off.
 _PIVOT = 1e-9
+# A column of a given basis whose best pivot is smaller depends on the others.
+_SINGULAR = 1e-6
 # Ratios and dual steps closer than this are equal.
 _TIE = 1e-13
 # Residual (in weights, relative to the sum of forces) above which the inverse has drifted.
@@ -150,7 +152,7 @@ def contact_forces(A: Array, solution: Array, first: Indices, weight: float, f: 
             f[i, r] = weight * s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _combine(A: Array, group: Indices, rows: Indices, share: Array, n: int, m: int, v: Array, out: Array) -> None:
     """out_j = vᵀ (column j over the active rows)."""
     v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]
@@ -164,7 +166,7 @@ def _combine(A: Array, group: Indices, rows: Indices, share: Array, n: int, m: i
             out[j] += share[group[j] + 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: int, w: Array) -> None:
     """w = B⁻¹ times the column of variable q over the active rows."""
     if q >= 0:
@@ -179,7 +181,8 @@ def _column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: 
                 + inverse[i, 5] * a5
             )
     else:
-        w[:m] = 0.0
+        for i in range(m):
+            w[i] = 0.0
     row = 6 + group[q] if q >= 0 else -1 - q
     for k in range(6, m):
         if rows[k] == row:
@@ -187,7 +190,7 @@ def _column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: 
                 w[i] += inverse[i, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _pivot(inverse: Array, w: Array, m: int, r: int) -> None:
     """The variable with column w takes place r of the basis: product-form update of the inverse."""
     s = 1.0 / w[r]
@@ -210,7 +213,7 @@ def _pivot(inverse: Array, w: Array, m: int, r: int) -> None:
         inverse[r, k] = t
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _times_load(inverse: Array, b: Array, cap: Array, rows: Indices, m: int, i: int) -> float:
     """Row i of the inverse times the right-hand side (b, caps) of the active rows."""
     s = 0.0
@@ -221,7 +224,7 @@ def _times_load(inverse: Array, b: Array, cap: Array, rows: Indices, m: int, i: 
     return s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _load(P: Program, n: int) -> int:
     """Factor P.basis from scratch and derive x, y and d; returns the number of active rows.
 
@@ -235,12 +238,13 @@ def _load(P: Program, n: int) -> int:
             y[-1 - P.basis[i]] = 1.0  # this row keeps its logical variable
     m = 0
     for row in range(total):
-        if row < 6 or y[row] == 0.0:
+        if row < 6 or (y[row] == 0.0 and P.cap[row - 6] < math.inf):
             rows[m] = row
             head[m] = -1 - row
             m += 1
-    inverse[:m, :m] = 0.0
     for i in range(m):
+        for k in range(m):
+            inverse[i, k] = 0.0
         inverse[i, i] = 1.0
     columns = 0
     for i in range(total):
@@ -249,7 +253,7 @@ def _load(P: Program, n: int) -> int:
             columns += 1
             _column(A, group, rows, inverse, m, q, w)
             r = -1
-            largest = 1e-8
+            largest = _SINGULAR
             for k in range(m):
                 if head[k] < 0 and y[rows[k]] == 0.0 and abs(w[k]) > largest:
                     r, largest = k, abs(w[k])
@@ -258,7 +262,8 @@ def _load(P: Program, n: int) -> int:
                 head[r] = q
     y[:] = 0.0
     if columns == 0:
-        P.d[:n] = P.cost[:n]
+        for j in range(n):
+            P.d[j] = P.cost[j]
     else:
         for k in range(m):
             s = 0.0
@@ -275,7 +280,7 @@ def _load(P: Program, n: int) -> int:
     return m
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _leaving(inverse: Array, x: Array, head: Indices, m: int, bland: bool) -> int:
     """The basic variable furthest outside its bounds, measured in the space of loads (dual steepest edge), or -1.
 
@@ -295,7 +300,7 @@ def _leaving(inverse: Array, x: Array, head: Indices, m: int, bland: bool) -> in
     return r
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _square(inverse: Array, m: int, i: int) -> float:
     """Squared length of row i of the inverse."""
     s = 0.0
@@ -306,7 +311,7 @@ def _square(inverse: Array, m: int, i: int) -> float:
     return s
 
 
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+@njit(cache=True, nogil=True, forceinline=True, fastmath={"nnan", "nsz"})
 def _smallest_ratio(d: Array, alpha: Array, sign: float, least: float, n: int, ratio: Array) -> float:
     """Smallest d_j / -(sign α_j) over the columns with -(sign α_j) > least, inf without any; ratio gets all of them."""
     for j in range(n):
@@ -318,7 +323,7 @@ def _smallest_ratio(d: Array, alpha: Array, sign: float, least: float, n: int, r
     return step
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _entering(P: Program, n: int, m: int, r: int, sign: float, bland: bool) -> int:
     """The variable that keeps the reduced costs ≥ 0 when row r leaves (P.alpha is its pivot row), or _NONE.
 
@@ -350,7 +355,7 @@ def _entering(P: Program, n: int, m: int, r: int, sign: float, bland: bool) -> i
     return q
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _violated(P: Program, m: int) -> int:
     """The group whose cap the basic solution exceeds most, or -1."""
     if P.cap.size == 0:
@@ -370,7 +375,7 @@ def _violated(P: Program, m: int) -> int:
     return worst
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _add_cap(P: Program, m: int, g: int) -> None:
     """Row m becomes the cap of group g with its slack basic: the reduced costs stay as they are."""
     inverse, head = P.inverse, P.head
@@ -389,7 +394,7 @@ def _add_cap(P: Program, m: int, g: int) -> None:
     P.x[m] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _balanced(P: Program, m: int, objective: float) -> bool:
     """Whether the basic solution balances the load and its cost equals the dual objective, by arithmetic on the data."""
     A, b, x, y, head = P.A, P.b, P.x, P.y, P.head
@@ -413,14 +418,14 @@ def _balanced(P: Program, m: int, objective: float) -> bool:
     return error <= _BALANCE * total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _forget(basis: Indices) -> None:
     """The basis of all logical variables."""
     for i in range(basis.size):
         basis[i] = -1 - i
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _remember(P: Program, m: int) -> None:
     """P.basis = the basis of the complete program: inactive caps have their slack basic."""
     _forget(P.basis)
@@ -428,19 +433,19 @@ def _remember(P: Program, m: int) -> None:
         P.basis[P.rows[k]] = P.head[k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _start(P: Program, n: int) -> int:
     """Load P.basis, or all logical variables where P.basis is not dual feasible; returns the number of active rows."""
-    m = _load(P, n)
-    feasible = True
-    for j in range(n):
-        feasible &= P.d[j] >= -_DUAL
-    for k in range(6, m):
-        feasible &= P.y[P.rows[k]] <= _DUAL
-    if not feasible:
-        _forget(P.basis)
+    while True:
         m = _load(P, n)
-    return m
+        feasible = True
+        for j in range(n):
+            feasible &= P.d[j] >= -_DUAL
+        for k in range(6, m):
+            feasible &= P.y[P.rows[k]] <= _DUAL
+        if feasible:
+            return m
+        _forget(P.basis)
 
 
 @njit(cache=True, nogil=True)
@@ -459,10 +464,14 @@ def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
     x, y, w, d, alpha = P.x, P.y, P.w, P.d, P.alpha
     if not warm:
         _forget(P.basis)
-    m = _start(P, n)
+    sound = False
+    m = 0
     stalled = 0
     pivots = 0
     while pivots < _LIMIT:
+        if not sound:
+            m = _start(P, n)
+            sound = True
         r = _leaving(inverse, x, head, m, stalled > _STALL)
         if r < 0:
             g = _violated(P, m)
@@ -476,7 +485,8 @@ def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
                     objective += P.cost[head[i]] * x[i]
             _remember(P, m)
             if _balanced(P, m, objective):
-                P.solution[:n] = 0.0
+                for j in range(n):
+                    P.solution[j] = 0.0
                 for i in range(m):
                     if head[i] >= 0:
                         P.solution[head[i]] = max(x[i], 0.0)
@@ -487,7 +497,8 @@ def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
             q = _entering(P, n, m, r, sign, stalled > _STALL)
             if q == _NONE:
                 _remember(P, m)
-                if _times_load(inverse, P.b, P.cap, rows, m, r) * x[r] > 0.0:
+                excess = -sign * _times_load(inverse, P.b, P.cap, rows, m, r)
+                if excess > _PRIMAL * math.sqrt(_square(inverse, m, r)):
                     y[:] = 0.0
                     for k in range(m):
                         y[rows[k]] = -sign * inverse[r, k]
@@ -511,7 +522,9 @@ def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
                     pivots += 1
                     continue
                 _remember(P, m)
-        # The inverse has drifted: the arithmetic above did not confirm it.
-        m = _start(P, n)
-        pivots += _LIMIT // 4
+        # The data did not confirm what the inverse says, so it has drifted: load the basis again, then start afresh.
+        if pivots >= _LIMIT // 3:
+            _forget(P.basis)
+        sound = False
+        pivots += _LIMIT // 3
     return FAILED, math.nan, pivots
