@@ -132,7 +132,10 @@ def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:
     for joint in list(robot.joints):  # a joint of no agent stays where it is
         if joint not in moving:
             robot.delete(joint)
-    spec.assets = mjcf.embed(robot)
+    robot.assets = mjcf.embed(robot)
+    for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
+        if not name.startswith("_"):
+            setattr(robot.option, name, getattr(spec.option, name))
     frame = spec.worldbody.add_frame(pos=model.pose.p, quat=model.pose.wxyz)
     spec.attach(robot, frame=frame, prefix=PREFIX)
 
@@ -141,28 +144,35 @@ def _chain_joints(robot: mujoco.MjSpec, scene: Scene) -> list[mujoco.MjsJoint]:
     """The joints between the world and the agents' tips; no two agents may share one."""
     owner: dict[int, str] = {}
     joints: list[mujoco.MjsJoint] = []
-    names = [geom.name for geom in robot.geoms if geom.name]
     for i, agent in enumerate(scene.agents):
-        geom = robot.geom(agent.tip)
-        if geom is None:
-            raise InputError(
-                f"agents.{i}.tip",
-                f"no geom {agent.tip!r} in the model",
-                f"legal: {', '.join(names) or 'none has a name'}",
-            )
-        body, before = geom.parent, len(joints)
+        field, before = f"agents.{i}.tip", len(joints)
+        body = _tip(robot, field, agent.tip or "").parent
         while body.id != 0:
             for joint in body.joints:
-                if joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                    raise InputError(
-                        f"agents.{i}.tip", f"joint {joint.name!r} on its way is free or a ball", "hinges and slides"
-                    )
+                if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+                    continue  # a floating base is held where the file puts it
+                if joint.type == mujoco.mjtJoint.mjJNT_BALL:
+                    raise InputError(field, f"joint {joint.name!r} before it is a ball", "hinges and slides only")
                 if (other := owner.setdefault(joint.id, agent.name)) != agent.name:
-                    raise InputError(
-                        f"agents.{i}.tip", f"shares joint {joint.name!r} with {other}", "agents are chains of their own"
-                    )
+                    raise InputError(field, f"shares joint {joint.name!r} with {other}", "each agent has its own joints")
                 joints.append(joint)
             body = body.parent
         if len(joints) == before:
-            raise InputError(f"agents.{i}.tip", f"no joint moves geom {agent.tip!r}", "a geom at the end of a chain")
+            raise InputError(field, f"no joint moves {agent.tip!r}", "the tip is at the end of a chain of joints")
     return joints
+
+
+def _tip(robot: mujoco.MjSpec, field: str, name: str) -> mujoco.MjsGeom:
+    """The tip geom called `name`; a body may stand for its only colliding geom, which then takes the body's name."""
+    geom, body = robot.geom(name), robot.body(name)
+    if geom is not None:
+        return geom
+    if body is None:
+        names = [geom.name for geom in robot.geoms if geom.name] or [body.name for body in robot.bodies[1:] if body.name]
+        raise InputError(field, f"no geom or body {name!r} in the model", f"legal: {', '.join(names)}")
+    solid = [geom for geom in body.geoms if geom.contype or geom.conaffinity]
+    if len(solid) != 1 or solid[0].name:
+        names = [geom.name for geom in solid if geom.name]
+        raise InputError(field, f"body {name!r} has {len(solid)} colliding geoms", f"name the geom {', '.join(names)}")
+    solid[0].name = name
+    return solid[0]
