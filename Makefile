@@ -1,0 +1,82 @@
+# Everything runs in .venv, made from constraints.txt (pins with hashes). Nothing else is installed or changed.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+OUT    := out
+SCENE  ?= fig4-relocation
+SEED   ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test check bench trust format clean compiling
+
+help:
+	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz and .png"
+	@echo "make test    the tests"
+	@echo "make check   format, lint, types, import rules"
+	@echo "make bench   the paper's own job, timed, and the local minima of its energy"
+	@echo "make trust   slow evidence: the slow tests, and every built-in scene with 10 seeds, planned and checked"
+	@echo "make format  put the sources into the checked format"
+	@echo "make clean   remove $(VENV), $(OUT) and caches"
+	@echo "(PYTHON=python3.12 make ... chooses the interpreter; SCENE=... SEED=... the demo)"
+
+venv: $(READY)
+
+$(READY): constraints.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "regrasp needs Python 3.11 or newer; name one, e.g.: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+	@echo "== making $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv --clear $(VENV) \
+	  || { echo "python's venv module is incomplete; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@echo "== installing the pinned dependencies of constraints.txt (about a minute)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r constraints.txt
+	@echo "== installing regrasp itself, as links to src/"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+# numba leaves compiled kernels (*.nbi) beside their sources: without them the first run compiles.
+compiling: $(READY)
+	@test -n "$$(find src -name '*.nbi' -print -quit)" \
+	  || echo "== the first run compiles the kernels (once; they are kept beside the sources)"
+
+demo: compiling
+	@mkdir -p $(OUT)
+	@echo "== planning the built-in scene $(SCENE), seed $(SEED)"
+	@$(BIN)/regrasp plan $(SCENE) --seed $(SEED) -o $(OUT)/$(SCENE).npz
+	@echo "== checking the plan, with mathematics of its own"
+	@$(BIN)/regrasp check $(OUT)/$(SCENE).npz
+	@echo "== drawing the plan"
+	@$(BIN)/regrasp render $(OUT)/$(SCENE).npz -o $(OUT)/$(SCENE).png
+	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png"
+
+test: compiling
+	@echo "== running the tests"
+	@$(BIN)/python -m pytest
+
+check: $(READY)
+	@echo "== format"
+	@$(BIN)/ruff format --check .
+	@echo "== lint"
+	@$(BIN)/ruff check .
+	@echo "== types"
+	@$(BIN)/mypy
+	@echo "== import rules"
+	@$(BIN)/lint-imports
+
+bench: compiling
+	@$(BIN)/regrasp bench paper
+	@$(BIN)/regrasp bench minima
+
+trust: compiling
+	@echo "== the slow tests"
+	@$(BIN)/python -m pytest -m slow || test $$? -eq 5
+	@echo "== every built-in scene, 10 seeds, the same settings"
+	@$(BIN)/regrasp bench scenes --seeds 10
+
+format: $(READY)
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) $(OUT) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
