@@ -140,7 +140,7 @@ def _balanced(P: Program, m: int, objective: float) -> bool:
     for k in range(6, m):
         bound += y[P.rows[k]] * P.cap[P.rows[k] - 6]
     error = max(max(abs(e0), abs(e1), abs(e2)), max(abs(e3), abs(e4), abs(e5)), abs(bound - objective))
-    return error <= _BALANCE * total
+    return bool(error <= _BALANCE * total)
 
 
 @njit(cache=True, nogil=True, forceinline=True)

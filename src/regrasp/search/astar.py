@@ -34,7 +34,7 @@ class Penalties(Generic[Node]):
     raised: dict[tuple[Node, Node], tuple[float, float]] = field(default_factory=dict)
 
     def penalise(self, a: Node, b: Node, factor: float = 1.0, extra: float = 0.0) -> None:
-        """Raise the cost of the arc from a to b once more, by a factor ≥ 1 and an extra ≥ 0; extra = inf bars the arc."""
+        """Raise the cost of the arc from a to b once more, by a factor ≥ 1 and an extra ≥ 0; extra inf bars it."""
         if not 1.0 <= factor < math.inf:
             raise ValueError(f"factor is {factor}, legal: ≥ 1 and finite")
         if not extra >= 0.0:
