@@ -106,14 +106,14 @@ def gap(
     Returns early, with a lower bound of the distance, as soon as one exceeds limit.
     """
     o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
-    v = o  # the difference of the centres lies in D
-    lower, upper = -math.inf, math.sqrt(_dot(v, v))
-    if upper <= TOUCH:
+    v, length = o, math.sqrt(_dot(o, o))
+    if length <= TOUCH:
         return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, math.inf)
+    lower, upper = -math.inf, math.inf
     a, b, c, count = v, v, v, 0
     for _ in range(ITERATIONS):
         w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-v[0], -v[1], -v[2]))
-        lower = max(lower, _dot(v, w) / upper)
+        lower = max(lower, _dot(v, w) / length)
         if lower > limit:
             return lower
         if upper - lower <= BRACKET:
