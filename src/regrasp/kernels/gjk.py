@@ -47,14 +47,14 @@ def _nearest2(a: Vector, w: Vector) -> tuple[Vector, bool]:
 def _nearest3(a: Vector, b: Vector, w: Vector) -> tuple[Vector, bool, bool]:
     """Point of the triangle a b w nearest to the origin among those with a share of w, and whether a, b are needed."""
     e, f = _sub(a, w), _sub(b, w)
-    ee, ef, ff = _dot(e, e), _dot(e, f), _dot(f, f)
-    det = ee * ff - ef * ef
-    # Coordinates from w, the newest point: no differences of large numbers where the triangle is small and far away.
-    if det > 1e-15 * ee * ff:
-        r, s = -_dot(w, e), -_dot(w, f)
-        x, y = (ff * r - ef * s) / det, (ee * s - ef * r) / det
-        if x > 0.0 and y > 0.0 and x + y < 1.0:
-            return (w[0] + x * e[0] + y * f[0], w[1] + x * e[1] + y * f[1], w[2] + x * e[2] + y * f[2]), True, True
+    n = _cross(e, f)
+    nn = _dot(n, n)
+    # Cross products, not the Gram matrix: triangles are slivers near smooth contacts, and a square loses them.
+    if nn > 1e-26 * _dot(e, e) * _dot(f, f):
+        x, y = _dot(_cross(f, w), n), _dot(_cross(w, e), n)
+        if x > 0.0 and y > 0.0 and x + y < nn:
+            h = _dot(w, n) / nn
+            return (h * n[0], h * n[1], h * n[2]), True, True
     p, with_a = _nearest2(a, w)
     q, with_b = _nearest2(b, w)
     if _dot(p, p) <= _dot(q, q):
