@@ -83,17 +83,32 @@ def _minkowski(
 
 @njit(cache=True, nogil=True)
 def _depth(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, depth: float
-) -> float:
-    """Least shift, at most `depth`, along an axis of either body that parts overlapping cores: ≥ the true depth."""
-    for i in range(3):
-        for R in (R_A, R_B):
-            u = (R[0, i], R[1, i], R[2, i])
-            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
-            depth = min(depth, _dot(u, w))
-            u = (-u[0], -u[1], -u[2])
-            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
-            depth = min(depth, _dot(u, w))
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector,
+    simplex: tuple[Vector, Vector, Vector, Vector], depth: float,
+) -> float:  # fmt: skip
+    """Least shift, at most `depth`, that parts overlapping cores along an axis of either or a normal of a simplex.
+
+    Every direction gives an upper bound of the depth; GJK's last simplex knows the one that matters in shallow overlaps.
+    """
+    a, b, c, w = simplex
+    for i in range(10):
+        if i < 3:
+            u = (R_A[0, i], R_A[1, i], R_A[2, i])
+        elif i < 6:
+            u = (R_B[0, i - 3], R_B[1, i - 3], R_B[2, i - 3])
+        elif i == 6:
+            u = _cross(_sub(a, w), _sub(b, w))
+        elif i == 7:
+            u = _cross(_sub(b, w), _sub(c, w))
+        elif i == 8:
+            u = _cross(_sub(c, w), _sub(a, w))
+        else:
+            u = _cross(_sub(a, c), _sub(b, c))
+        length = math.sqrt(_dot(u, u))
+        if length > 0.0:
+            back = (-u[0], -u[1], -u[2])
+            depth = min(depth, _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)) / length)
+            depth = min(depth, _dot(back, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, back)) / length)
     return max(depth, 0.0)
 
 
@@ -108,7 +123,7 @@ def gap(
     o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
     v, length = o, math.sqrt(_dot(o, o))
     if length <= TOUCH:
-        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, math.inf)
+        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (o, o, o, o), math.inf)
     lower, upper = -math.inf, math.inf
     a, b, c, count = v, v, v, 0
     for _ in range(ITERATIONS):
@@ -174,4 +189,4 @@ def gap(
         v, upper = u, length
     else:
         return upper
-    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, -lower)
+    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (a, b, c, w), -lower)
