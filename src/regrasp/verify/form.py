@@ -91,7 +91,9 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     other = 0.0 if plan.xml == world.xml and dict(plan.assets) == dict(world.assets) else np.inf
     return [
         Finding("model and scene", text, float(max(differences)), SAME, ""),
-        Finding("model and world", "difference between the stored model and the world the plan is judged in", other, 0.0, ""),
+        Finding(
+            "model and world", "difference between the stored model and the world the plan is judged in", other, 0.0, ""
+        ),
     ]
 
 
