@@ -68,9 +68,9 @@ ARRAYS: Mapping[str, tuple[type[np.generic], tuple[str | int, ...]]] = {
 class Plan:
     """Object path, joints, contact motions, contacts and forces, and the scene they belong to.
 
-    SI units, quaternions w x y z. An agent that is off or relocating in an interval has NaN in p_OC_O, n_O and x_O and zero in force_W there.
-    Construction copies the arrays, makes them read-only and raises InputError if a shape or dtype is wrong; whether the
-    numbers are a valid motion is for `regrasp.verify.check` to say.
+    SI units, quaternions w x y z. An agent that is off or relocating in an interval has NaN in p_OC_O, n_O and x_O and
+    zero in twist and force_W there. Construction copies the arrays, makes them read-only and raises InputError if a
+    shape or dtype is wrong; whether the numbers are a valid motion is for `regrasp.verify.check` to say.
     """
 
     time: Array

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.plan import MOTIONS, OFF, RELOCATE, SUPPORT_MODES, Plan
 from regrasp.scene import solids
-from regrasp.scene.schema import JointContact, Scene
+from regrasp.scene.schema import Scene
 from regrasp.scene.world import World
 from regrasp.verify.contacts import TOUCH, Contacts, touching
 from regrasp.verify.findings import Finding, worst
@@ -43,12 +43,12 @@ def number_findings(plan: Plan) -> list[Finding]:
         for array in (getattr(plan, name) for name in CONTACT_ARRAYS)
     )
     arcs = plan.route.shape[0] - 1
-    illegal = int(np.sum((plan.V < 0) | (plan.V >= len(MOTIONS))))
-    illegal += int(np.sum((plan.support_mode < 0) | (plan.support_mode >= len(SUPPORT_MODES))))
+    illegal = int(np.sum(~np.isin(plan.V, range(len(MOTIONS)))))
+    illegal += int(np.sum(~np.isin(plan.support_mode, range(len(SUPPORT_MODES)))))
     order = np.diff(plan.segment, prepend=-1, append=arcs)
     illegal += int(np.sum(order[1:-1] // 2 != 0)) + int(order[0] != 1) + int(order[-1] != 1)
     illegal += int(np.sum((plan.energy_segment < 0) | (plan.energy_segment >= arcs)))
-    idle = int(np.sum((plan.V >= RELOCATE)[..., None] & (plan.twist != 0.0)))
+    idle = int(np.sum(~touching(plan)[..., None] & (np.abs(plan.twist) > 0.0)))
     backwards = int(np.sum(~(np.diff(plan.time, axis=1) > 0.0)))
     return [
         Finding("finite", f"numbers that are not finite or beyond {LARGEST:g}", wild, 0.0, ""),
@@ -80,7 +80,7 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     said += [*world.support_friction, *scene.gravity, scene.object.mass]
     differences = [np.abs(np.subtract(stored, said)).max()]
     for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
-        for i, name in enumerate(("geom_type", "geom_size", "geom_pos", "geom_quat")):
+        for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):
             a, b = getattr(model, name)[ours], getattr(theirs, name)
             if name == "geom_size" and len(a) == len(b):
                 solid = theirs.geom_type != mujoco.mjtGeom.mjGEOM_PLANE  # a plane's size is for display
@@ -108,7 +108,7 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     ]
     lower, upper, speed = (np.concatenate([getattr(agent, key) for agent in world.agents])
                            for key in ("lower", "upper", "speed"))  # fmt: skip
-    beyond = np.maximum(lower - motion.joints, motion.joints - upper)
+    beyond = np.maximum(0.0, np.maximum(lower - motion.joints, motion.joints - upper))
     stride = np.linalg.norm(np.diff(motion.geom_xpos, axis=1), axis=-1).max(axis=-1)
     length = np.abs(np.linalg.norm(plan.object_quaternion, axis=-1) - 1.0)
     who = plan.joint_names
@@ -154,7 +154,7 @@ def grasp_findings(plan: Plan, world: World, contacts: Contacts) -> list[Finding
     for contact in held:
         a = names.index(contact.agent)
         wrong += int(plan.V[0, a] >= RELOCATE)
-        if isinstance(contact, JointContact):
+        if contact.joints is not None:
             joints.append(float(np.abs(plan.joints[0, 0, first[a] : first[a + 1]] - contact.joints).max()))
         else:
             points.append(float(np.linalg.norm(contacts.p_O[0, 0, a] - contact.point)))
@@ -167,7 +167,7 @@ def grasp_findings(plan: Plan, world: World, contacts: Contacts) -> list[Finding
 
 def _angle(a: Array, b: Array) -> Array:
     """Angle between the rotations of quaternions (..., 4), rad."""
-    a, b = np.broadcast_arrays(a, b)
+    a, b = (np.array(quaternion) for quaternion in np.broadcast_arrays(a, b))  # scipy refuses read-only arrays
     turn = Rotation.from_quat(a.reshape(-1, 4), scalar_first=True).inv() * Rotation.from_quat(
         b.reshape(-1, 4), scalar_first=True
     )
