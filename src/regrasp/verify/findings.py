@@ -96,7 +96,7 @@ def worst(
     allowed = np.broadcast_to(np.asarray(tolerance, dtype=float), values.shape)
     judged = np.broadcast_to(np.asarray(where, dtype=bool), values.shape)
     if not judged.any():
-        return Finding(name, text, 0.0, float(np.max(tolerance, initial=0.0)), unit)
+        return Finding(name, text, 0.0, float(np.nanmax(allowed, initial=0.0)), unit)
     values = np.where(np.isnan(values), np.inf, values)
     at = np.unravel_index(int(np.argmax(np.where(judged, values / allowed, -1.0))), values.shape)
     index = {axis: int(i) for axis, i in zip(axes, at, strict=True)}

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.plan import MOTIONS, OFF, RELOCATE, SUPPORT_MODES, Plan
 from regrasp.scene import solids
-from regrasp.scene.schema import JointContact, Scene
+from regrasp.scene.schema import Scene
 from regrasp.scene.world import World
 from regrasp.verify.contacts import TOUCH, Contacts, touching
 from regrasp.verify.findings import Finding, worst
@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 LARGEST = 1e6
 """No length, angle, time or force in a plan is larger than this (SI): what is, is garbage."""
+UNIT = 1e-6
+"""Length of a stated unit vector or quaternion less 1."""
 SAME = 1e-9
 """Difference between what should be the same number twice (m, rad, s), relative or absolute."""
 START = 1e-6
@@ -43,12 +45,14 @@ def number_findings(plan: Plan) -> list[Finding]:
         for array in (getattr(plan, name) for name in CONTACT_ARRAYS)
     )
     arcs = plan.route.shape[0] - 1
-    illegal = int(np.sum((plan.V < 0) | (plan.V >= len(MOTIONS))))
-    illegal += int(np.sum((plan.support_mode < 0) | (plan.support_mode >= len(SUPPORT_MODES))))
+    illegal = int(np.sum(~np.isin(plan.V, range(len(MOTIONS)))))
+    illegal += int(np.sum(~np.isin(plan.support_mode, range(len(SUPPORT_MODES)))))
     order = np.diff(plan.segment, prepend=-1, append=arcs)
     illegal += int(np.sum(order[1:-1] // 2 != 0)) + int(order[0] != 1) + int(order[-1] != 1)
     illegal += int(np.sum((plan.energy_segment < 0) | (plan.energy_segment >= arcs)))
-    idle = int(np.sum((plan.V >= RELOCATE)[..., None] & (plan.twist != 0.0)))
+    idle = int(np.sum(~touching(plan)[..., None] & (np.abs(plan.twist) > 0.0)))
+    quaternions = np.concatenate([plan.object_quaternion.reshape(-1, 4), plan.route[:, 3:]])
+    length = np.abs(np.linalg.norm(quaternions, axis=-1) - 1.0)
     backwards = int(np.sum(~(np.diff(plan.time, axis=1) > 0.0)))
     return [
         Finding("finite", f"numbers that are not finite or beyond {LARGEST:g}", wild, 0.0, ""),
@@ -56,6 +60,7 @@ def number_findings(plan: Plan) -> list[Finding]:
         Finding("codes", "codes that mean nothing, segments out of order", illegal, 0.0, ""),
         Finding("idle twist", "stated relative motion of agents that are off or relocating", idle, 0.0, ""),
         Finding("time order", "samples not later than the one before", backwards, 0.0, ""),
+        worst("quaternions", "length of a quaternion less 1", length, UNIT, "", "x", who=[""] * len(length)),
     ]
 
 
@@ -80,7 +85,7 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     said += [*world.support_friction, *scene.gravity, scene.object.mass]
     differences = [np.abs(np.subtract(stored, said)).max()]
     for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
-        for i, name in enumerate(("geom_type", "geom_size", "geom_pos", "geom_quat")):
+        for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):
             a, b = getattr(model, name)[ours], getattr(theirs, name)
             if name == "geom_size" and len(a) == len(b):
                 solid = theirs.geom_type != mujoco.mjtGeom.mjGEOM_PLANE  # a plane's size is for display
@@ -91,7 +96,9 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     other = 0.0 if plan.xml == world.xml and dict(plan.assets) == dict(world.assets) else np.inf
     return [
         Finding("model and scene", text, float(max(differences)), SAME, ""),
-        Finding("model and world", "difference between the stored model and the world the plan is judged in", other, 0.0, ""),
+        Finding(
+            "model and world", "difference between the stored model and the world the plan is judged in", other, 0.0, ""
+        ),
     ]
 
 
@@ -106,14 +113,12 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     ]
     lower, upper, speed = (np.concatenate([getattr(agent, key) for agent in world.agents])
                            for key in ("lower", "upper", "speed"))  # fmt: skip
-    beyond = np.maximum(lower - motion.joints, motion.joints - upper)
+    beyond = np.maximum(0.0, np.maximum(lower - motion.joints, motion.joints - upper))
     stride = np.linalg.norm(np.diff(motion.geom_xpos, axis=1), axis=-1).max(axis=-1)
-    length = np.abs(np.linalg.norm(plan.object_quaternion, axis=-1) - 1.0)
     who = plan.joint_names
     return [
         worst("continuity", "jump of time, joints or object from one interval to the next", np.max(jumps, axis=0), SAME,
               "s, rad or m", "j"),
-        worst("quaternion", "length of the object's quaternion less 1", length, 1e-6, "", "js", plan.time),
         worst("joint range", "joint beyond its range", beyond, LIMIT, "rad or m", "jsx", motion.time, who),
         worst("joint speed", "joint speed", np.abs(motion.joint_speed), SPEED * speed, "rad/s or m/s",
               "jsx", motion.time, who),
@@ -152,7 +157,7 @@ def grasp_findings(plan: Plan, world: World, contacts: Contacts) -> list[Finding
     for contact in held:
         a = names.index(contact.agent)
         wrong += int(plan.V[0, a] >= RELOCATE)
-        if isinstance(contact, JointContact):
+        if contact.joints is not None:
             joints.append(float(np.abs(plan.joints[0, 0, first[a] : first[a + 1]] - contact.joints).max()))
         else:
             points.append(float(np.linalg.norm(contacts.p_O[0, 0, a] - contact.point)))
@@ -165,7 +170,7 @@ def grasp_findings(plan: Plan, world: World, contacts: Contacts) -> list[Finding
 
 def _angle(a: Array, b: Array) -> Array:
     """Angle between the rotations of quaternions (..., 4), rad."""
-    a, b = np.broadcast_arrays(a, b)
+    a, b = (np.array(quaternion) for quaternion in np.broadcast_arrays(a, b))  # scipy refuses read-only arrays
     turn = Rotation.from_quat(a.reshape(-1, 4), scalar_first=True).inv() * Rotation.from_quat(
         b.reshape(-1, 4), scalar_first=True
     )
