@@ -113,7 +113,7 @@ def _retract(kind: int, size: Array, p: Triple) -> tuple[Triple, Triple]:
     F, g = field(kind, size, p)
     for _ in range(_ITERATIONS):
         slope = dot(g, g)
-        # |F|/|∇F| is the distance to the surface to first order; the curvature it stands against is 1/|p| or more.
+        # |F|/|∇F| is the distance to the surface to first order, and p itself is known to round-off only.
         if abs(F) <= 1e-15 * math.sqrt(slope * dot(p, p)):
             break
         p = _plus(p, -F / slope, g)
@@ -272,7 +272,7 @@ def _midpoint(
     status, p_x, p_y, S_O, S_T = _solve(pair, p_mid, c_mid, R_mid, x_mid, y_mid, w_y, -w_x, v_x, v_y)
     if status != OK:
         return status, 0.0, p, c, R, x, n
-    # Chords instead of arcs: between surfaces of constant curvature the step is exact.
+    # Chords instead of arcs: a step of the arc's length would fall short on the more curved of the two surfaces.
     p = _plus(p, 1.0, _chord(S_O, x_mid, y_mid, p_x, p_y))
     c = _plus(c, 1.0, _to_tip(R_mid, _chord(S_T, x_mid, y_mid, p_x - v_x, p_y - v_y)))
     R = _turn(_along(x_mid, y_mid, w_x, w_y), R)
