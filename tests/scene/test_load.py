@@ -84,6 +84,11 @@ BAD = [
     ("model", {"hand": "planar"}, "model.bases: missing"),
     ("model", {"file": "robot.xml"}, "agents: missing"),
     ("start", {"grasp": "auto"}, "start.pose: missing"),
+    ("start", "here", "start: 'here' is not a mapping"),
+    ("supports", "table", "supports: 'table' is not a list"),
+    ("name", 3, "name: 3 is not a text"),
+    ("model.fingers", "many", "model.fingers: 'many' is not a whole number"),
+    ("model.palm", "perhaps", "model.palm: 'perhaps' is neither true nor false"),
 ]
 
 
@@ -124,6 +129,18 @@ def test_yaml_error_names_the_line(tmp_path: Path) -> None:
         load(file)
 
 
+def test_key_written_twice_is_an_error() -> None:
+    with pytest.raises(InputError, match=r"my\.yaml: line 2: 'name' is written twice"):
+        parse("name: a\nname: b\n", "my.yaml")
+
+
+def test_off_is_a_key_and_true_and_false_are_booleans() -> None:
+    text = yaml.safe_dump(changed("model.palm", False)).replace("start:\n", "start:\n  off: [finger2]\n")
+    scene = parse(text.replace("- table", "").replace("supports:", "supports: []"))
+    assert scene.start.off == ("finger2",)
+    assert scene.support_names == ("table",)
+
+
 @pytest.mark.parametrize("text", ["", "- a\n", "just text", "name: !!python/object:os.system {}", "a: \x00"])
 def test_what_is_no_scene_is_refused(text: str) -> None:
     with pytest.raises(InputError):
@@ -157,6 +174,19 @@ def test_built_in_scene_survives_yaml_and_plain_data(name: str) -> None:
     assert builtin()[name] == scene.description
     assert parse(dump(scene)) == scene
     assert Scene.model_validate(scene.model_dump(mode="json")) == scene
+
+
+def test_example_in_the_documentation_is_a_scene() -> None:
+    text = Path(__file__).parents[2].joinpath("docs", "scenes.md").read_text(encoding="utf-8")
+    scene = parse(text.split("```yaml\n")[1].split("```")[0], "docs/scenes.md")
+    assert scene.agent_names == ("finger1", "finger2", "finger3", "finger4")
+
+
+def test_documentation_names_every_key() -> None:
+    text = Path(__file__).parents[2].joinpath("docs", "scenes.md").read_text(encoding="utf-8")
+    schema = Scene.model_json_schema()
+    keys = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", {})}
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
 def test_exponents_without_a_point_are_numbers() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from regrasp.errors import InputError
 from regrasp.scene.load import builtin, load, validate
+from regrasp.scene.pose import Pose
 from regrasp.scene.world import World, build, from_plan
 
 POSES = {"start": {"pose": {"position": [0.3, 0, 0.5]}}, "goal": {"pose": {"position": [0.3, 0, 0.5]}}}
@@ -221,9 +222,9 @@ def test_pumas_stand_evenly_and_face_the_axis() -> None:
 
 
 def test_own_model_keeps_its_kinematics_and_outlives_its_files(arm: Path) -> None:
-    pose = {"position": [0.5, 0, 0], "euler": [0, 0, 1.0]}
+    placed = Pose(position=(0.5, 0, 0), euler=(0, 0, 1.0))
     scene = arm_scene(arm, [{"name": "a", "tip": "link2"}])
-    scene = validate(scene.model_dump(mode="json") | {"model": {"file": str(arm), "pose": pose}})
+    scene = validate(scene.model_dump(mode="json") | {"model": {"file": str(arm), "pose": placed}})
     world = build(scene)
     stored = from_plan(scene.model_dump(mode="json"), world.xml, dict(world.assets))
     agent = stored.agents[0]
@@ -234,7 +235,7 @@ def test_own_model_keeps_its_kinematics_and_outlives_its_files(arm: Path) -> Non
         mine.qpos[agent.qpos] = turn, push
         mujoco.mj_kinematics(source, data)
         mujoco.mj_kinematics(stored.model, mine)
-        expected = scene.model.pose.R @ data.body("link2").xpos + scene.model.pose.p
+        expected = placed.R @ data.body("link2").xpos + placed.p
         np.testing.assert_allclose(mine.geom_xpos[agent.tip_geom], expected, atol=1e-12)
     np.testing.assert_allclose(agent.lower, [-np.pi / 2, 0], atol=1e-12)
     assert np.all(np.isinf(agent.torque))
