@@ -6,11 +6,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 from handmade import (
-    BALL, Interval, Rest, TIP, after, arc, around, away, build, compose, free_tips, Hold, line, relocate, roll, scene,
-    slide, stay, still,
+    BALL,
+    TIP,
+    Array,
+    Hold,
+    Interval,
+    Rest,
+    after,
+    arc,
+    around,
+    build,
+    compose,
+    free_tips,
+    line,
+    planar_joints,
+    relocate,
+    roll,
+    scene,
+    slide,
+    stay,
+    still,
 )  # fmt: skip
+from scipy.spatial.transform import Rotation
 
-from regrasp.plan import SLIDE, Plan
+from regrasp.plan import SLIDE, STICK, Plan
 from regrasp.scene.world import World
 
 TOP = np.array([0.0, 0.0, 1.0])
@@ -21,10 +40,10 @@ def _pose(pose) -> dict[str, object]:
     return {"pose": {"position": p.tolist(), "quaternion": R.as_quat(scalar_first=True).tolist()}}
 
 
-def _ball(model: Path, intervals: list[Interval]) -> tuple[Plan, World]:
+def _ball(model: dict[str, object], intervals: list[Interval]) -> tuple[Plan, World]:
     data = scene(model, len(intervals[0].holds), goal=_pose(intervals[-1].pose))
     world = build(data)
-    return compose(world, intervals, data), world
+    return compose(world, intervals), world
 
 
 def _hold(directory: Path) -> tuple[Plan, World]:
@@ -54,7 +73,9 @@ def _turned(hold: Hold, before: Hold | None) -> Hold:
     if before is None:
         return hold
     R0 = before.tip(1.0)[0]
-    return Hold(hold.code, lambda u: (hold.tip(u)[0] * R0, hold.tip(u)[1]), hold.contact, hold.twist, hold.squeeze, hold.slip)
+    return Hold(
+        hold.code, lambda u: (hold.tip(u)[0] * R0, hold.tip(u)[1]), hold.contact, hold.twist, hold.squeeze, hold.slip
+    )
 
 
 def _slide(directory: Path) -> tuple[Plan, World]:
@@ -71,7 +92,7 @@ def _relocate(directory: Path) -> tuple[Plan, World]:
     three = [stay(n, squeeze=2.0) for n in around(3)]
     start, end = TOP, np.array([0.5, 0.5, np.sqrt(0.5)])
     tips = [stay(start, squeeze=1.0), relocate(start, end), stay(end, squeeze=1.0)]
-    poses = [still, arc, after(arc, still)]
+    poses = [still, arc, after(arc, line)]
     intervals = [Interval(pose, [*three, tip]) for pose, tip in zip(poses, tips, strict=True)]
     return _ball(free_tips(directory / "relocate.xml", 4), intervals)
 
@@ -82,13 +103,26 @@ def _push(directory: Path) -> tuple[Plan, World]:
     # Moments about the centre: the push at its height, friction half below; the front carries more than the back.
     lean = mu * half / (2 * 0.02)
     rests = [
-        Rest("table", lambda u, x=x: np.array([x, 0.0, -half]), TOP, np.array([-mu, 0.0, 1.0]) * share, SLIDE)
+        Rest(
+            "table",
+            lambda u, x=x: np.array([x, 0.0, -half]),
+            TOP,
+            lambda u, share=share: np.array([-mu, 0.0, 1.0]) * share,
+            SLIDE,
+        )
         for x, share in ((0.02, 0.5 + lean), (-0.02, 0.5 - lean))
     ]
     n = np.array([-1.0, 0.0, 0.0])
-    push = Hold("stay", lambda u: (still(0)[0], (half + TIP) * n), lambda u: (half * n, n, np.array([0.0, 1.0, 0.0])), squeeze=mu)
+    push = Hold(
+        "stay",
+        lambda u: (still(0)[0], (half + TIP) * n),
+        lambda u: (half * n, n, np.array([0.0, 1.0, 0.0])),
+        squeeze=mu,
+    )
+
     def pose(u):
         return still(u)[0], np.array([0.05 * u, 0.0, half])
+
     data = scene(
         free_tips(directory / "push.xml", 1), 1,
         object={"shape": "box", "size": [half] * 3, "rounding": 0.003, "mass": 0.2},
@@ -98,11 +132,43 @@ def _push(directory: Path) -> tuple[Plan, World]:
         goal=_pose(pose),
     )  # fmt: skip
     world = build(data)
-    return compose(world, [Interval(pose, [push], rests)], data), world
+    return compose(world, [Interval(pose, [push], rests)]), world
+
+
+def _finger(directory: Path) -> tuple[Plan, World]:
+    """A planar finger of three joints rolls on top of a ball that lies on a table; both forces lie on one line."""
+    base, tilt = np.array([-0.12, 0.10]), np.pi / 3
+    hand = {"hand": "planar", "bases": [{"position": base.tolist(), "angle": 0.0}], "tip_radius": TIP}
+    data = scene(
+        hand, 1,
+        agents=[],
+        environment=[{"name": "table", "shape": "plane"}],
+        supports=["table"],
+        start={"pose": {"position": [0, 0, BALL]}},
+        goal={"pose": {"position": [0, 0, BALL]}},
+    )  # fmt: skip
+    world = build(data)
+    intervals = []
+    for hold in (roll(TOP, "roll-x", 0.4), stay(TOP)):
+        if intervals:  # it stays where and as the roll has left it
+            R, p = intervals[0].holds[0].tip(1.0)
+            contact = intervals[0].holds[0].contact(1.0)
+            hold = Hold("stay", lambda u, R=R, p=p: (R, p), lambda u, c=contact: c)
+        else:
+            hold = _turned(hold, Hold("", lambda u: (Rotation.from_rotvec([0.0, tilt, 0.0]), TOP)))
+
+        def carried(u: float, hold: Hold = hold) -> Array:
+            through = -BALL * TOP - hold.contact(u)[0]
+            return TOP - through / np.linalg.norm(through)
+
+        rest = Rest("table", lambda u: -BALL * TOP, TOP, carried, STICK)
+        intervals.append(Interval(lambda u: (still(u)[0], BALL * TOP), [hold], [rest]))
+    return compose(world, intervals, lambda R, p: planar_joints(base, (0.09, 0.07, 0.05), R, p)), world
 
 
 MAKERS: Mapping[str, Callable[[Path], tuple[Plan, World]]] = {
     "hold": _hold, "carry": _carry, "roll": _roll, "slide": _slide, "relocate": _relocate, "push": _push,
+    "finger": _finger,
 }  # fmt: skip
 
 

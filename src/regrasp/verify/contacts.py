@@ -2,7 +2,6 @@
 
 import copy
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -15,14 +14,15 @@ from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, unit
 
 Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
 
 TOUCH = 1e-4
 """Contact gap, penetration and distance of a stated contact point from the measured one, m."""
 NORMAL = math.radians(1.0)
 """Angle between a stated and the measured normal, rad."""
 BACKOFF = 1e-3
-"""Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much (m)
-along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
+"""Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much
+(m) along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
 FAR = 1e-2
 """Distances beyond this (m) are not told apart."""
 
@@ -84,7 +84,7 @@ def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Fin
 
 
 def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
-    """Stated support contacts lie on both surfaces with the stated normal, at every instant of intervals that use them."""
+    """Stated support contacts lie on both surfaces with the stated normal, wherever an interval uses them."""
     if not plan.support_names:
         return []
     N, S = motion.time.shape
@@ -95,7 +95,8 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     points, normals = fine(plan.support_p_O, motion.K), unit(fine(plan.support_n_W, motion.K))
     used = plan.support_mode != NONE
     for j, p in zip(*np.nonzero(used), strict=True):
-        bodies = (support_geoms(world, plan.support_names[p]), world.object_geoms)
+        at = world.scene.supports.index(plan.support_names[p])
+        bodies = (world.support_geoms[at : at + 1], world.object_geoms)
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
             p_W = motion.p_WO[j, s] + motion.R_WO[j, s] @ points[j, s, p]
@@ -117,15 +118,17 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
 
 
 def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
-    """Penetration of any pair that must not touch, of tips not in contact with the object, and of object and supports."""
+    """Penetration of pairs that must not touch, of tips not in contact with the object, of object and supports."""
     model = world.model
     data = mujoco.MjData(model)
     supports = [(g, s) for g in world.object_geoms for s in world.support_geoms]
-    always = np.array([*world.collision_pairs, *supports], dtype=int).reshape(-1, 2)
+    always = np.array([*world.collision_pairs, *supports], dtype=np.int64).reshape(-1, 2)
     depth, pair, when = 0.0, (-1, -1), (0, 0)
     for j in range(motion.time.shape[0]):
         free = [agent.tip_geom for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch]
-        pairs = np.array([*always, *((tip, g) for tip in free for g in world.object_geoms)], dtype=int).reshape(-1, 2)
+        pairs = np.array([*always, *((tip, g) for tip in free for g in world.object_geoms)], dtype=np.int64).reshape(
+            -1, 2
+        )
         near = _near(model, motion.geom_xpos[j], motion.geom_xmat[j], pairs)
         for s in np.flatnonzero(near.any(axis=1)):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
@@ -137,12 +140,7 @@ def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding
     return [Finding("penetration", "depth of any two bodies that must not touch", depth, TOUCH, "m", *where)]
 
 
-def support_geoms(world: World, name: str) -> Sequence[int]:
-    """The geoms of the support `name`."""
-    return [int(world.support_geoms[world.scene.supports.index(name)])]
-
-
-def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], tip: int) -> tuple[float, Array, Array]:
+def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ids, tip: int) -> tuple[float, Array, Array]:
     """Distance of `tip` from the union of `geoms`, nearest point on the union, direction from there to the tip."""
     least, fromto, best = FAR, np.zeros(6), np.full(6, np.nan)
     for geom in geoms:
@@ -158,7 +156,7 @@ def _angle(a: Array, b: Array) -> Array:
 
 
 def _with_probe(world: World) -> tuple[mujoco.MjModel, int]:
-    """A copy of the model in which the first tip is a small sphere, small enough to find the distance of single points."""
+    """A copy of the model in which the first tip is a sphere, small enough to find the distance of single points."""
     model, probe = copy.copy(world.model), world.agents[0].tip_geom
     model.geom_type[probe] = mujoco.mjtGeom.mjGEOM_SPHERE
     model.geom_size[probe] = (BACKOFF / 2, 0.0, 0.0)
@@ -166,7 +164,7 @@ def _with_probe(world: World) -> tuple[mujoco.MjModel, int]:
     return model, probe
 
 
-def _near(model: mujoco.MjModel, xpos: Array, xmat: Array, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
+def _near(model: mujoco.MjModel, xpos: Array, xmat: Array, pairs: Ids) -> NDArray[np.bool_]:
     """(S, pairs): whether bounding spheres touch (planes: whether the other's sphere reaches below the surface)."""
     a, b = pairs.T
     bound = model.geom_rbound

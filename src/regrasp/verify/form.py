@@ -137,8 +137,10 @@ def pose_findings(plan: Plan, world: World) -> list[Finding]:
     missed_q = _angle(poses_q, plan.route[:, 3:])
     passed = np.maximum(missed_p / PASSED[0], missed_q / PASSED[1])
     return [
-        worst("start position", "object's position against the scene's start", np.linalg.norm(p[0, 0] - start.p), START, "m"),
-        worst("start rotation", "object's rotation against the scene's start", _angle(q[0, 0], start.wxyz), START, "rad"),
+        worst("start position", "object's position against the scene's start", np.linalg.norm(p[0, 0] - start.p),
+              START, "m"),
+        worst("start rotation", "object's rotation against the scene's start", _angle(q[0, 0], start.wxyz),
+              START, "rad"),
         worst("goal position", "object's last position against the goal", np.linalg.norm(p[-1, -1] - goal.pose.p),
               goal.tolerance.position, "m"),
         worst("goal rotation", "object's last rotation against the goal", _angle(q[-1, -1], goal.pose.wxyz),
