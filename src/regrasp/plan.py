@@ -13,8 +13,6 @@ import io
 import json
 import os
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -221,7 +219,9 @@ def load(path: str | os.PathLike[str]) -> Plan:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
         manifest = _manifest(arrays.pop("manifest").tobytes(), name)
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, AttributeError, TypeError, OSError):
+    except InputError:
+        raise
+    except Exception:  # a damaged archive makes zipfile, zlib and numpy raise nearly anything
         reason = "is not a plan" if not content.startswith(b"PK") else "is damaged or not a plan"
         raise InputError("plan", reason, "a file written by `regrasp plan`", name) from None
     values: dict[str, Any] = {}
