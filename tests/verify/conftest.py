@@ -7,8 +7,14 @@ from regrasp.plan import Plan
 from regrasp.scene.world import World
 
 
-@pytest.fixture(scope="session")
-def handmade(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Plan, World]]:
+class Handmade(dict[str, tuple[Plan, World]]):
     """Name → plan and world."""
+
+    def __repr__(self) -> str:  # hypothesis prints its arguments
+        return f"Handmade({', '.join(self)})"
+
+
+@pytest.fixture(scope="session")
+def handmade(tmp_path_factory: pytest.TempPathFactory) -> Handmade:
     directory = tmp_path_factory.mktemp("models")
-    return {name: maker(directory) for name, maker in MAKERS.items()}
+    return Handmade({name: maker(directory) for name, maker in MAKERS.items()})

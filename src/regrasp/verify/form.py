@@ -80,9 +80,10 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     """
     scene, model = world.scene, world.model
     stored = [model.geom_friction[agent.tip_geom, 0] for agent in world.agents]
-    stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity, model.body_mass[world.object_body]]
+    stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity]
+    stored += [model.body_mass[world.object_body], *model.body_ipos[world.object_body]]
     said = [agent.friction for agent in world.agents]
-    said += [*world.support_friction, *scene.gravity, scene.object.mass]
+    said += [*world.support_friction, *scene.gravity, scene.object.mass, 0.0, 0.0, 0.0]
     differences = [np.abs(np.subtract(stored, said)).max()]
     for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
         for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):

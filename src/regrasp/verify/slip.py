@@ -179,8 +179,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
     meets a commanded angular velocity in the least-squares sense, that is exactly within this space; with six joints
     and more the space is all of R³.
     """
-    N, S = motion.time.shape
-    free = np.tile(np.eye(3), (N, S, len(world.agents), 1, 1))
+    free = np.tile(np.eye(3), (*motion.time.shape, len(world.agents), 1, 1))
     model = world.model
     data = mujoco.MjData(model)
     jacobian = np.empty((6, model.nv))
@@ -189,7 +188,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
         if len(agent.qpos) >= 6:
             continue
         for j in np.flatnonzero(touch[:, a]):
-            for s in range(S):
+            for s in np.flatnonzero(np.isfinite(contacts.p_O[j, :, a]).all(axis=-1)):
                 data.qpos[addresses] = motion.joints[j, s]
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
