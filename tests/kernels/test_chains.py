@@ -1,4 +1,4 @@
-"""Chains, rates and inverse problems: a Puma-like arm with a spherical wrist, its first joints as fingers, a mobile base.
+"""Chains, rates, inverse problems: a Puma-like arm with a spherical wrist, its first joints as fingers, a mobile base.
 
 Forward kinematics and Jacobian against MuJoCo stand in tests/planner/test_arrays.py.
 """
@@ -144,7 +144,7 @@ def test_singular_arms_are_reached_or_their_residual_is_honest(elbow: float, wri
 def test_out_of_reach_ends_at_the_nearest_stretch() -> None:
     """A point beyond the stretched arm: nothing better than the distance to the sphere of reach exists."""
     rng, chains = np.random.default_rng(4), arm()
-    shoulder, reach = np.array([0, 0, 0.6]), np.hypot(0.15, 0.43 + 0.43 + 0.06)
+    shoulder, reach = np.array([0, 0, 0.6]), np.hypot(0.15, 0.43 + 0.43) + 0.06
     for _ in range(50):
         q = regular(rng)
         R, p = place(chains, q)
@@ -200,20 +200,20 @@ def test_a_redundant_chain_goes_round_a_limit() -> None:
 @pytest.mark.parametrize("joints", [3, 4, 6])
 def test_the_point_comes_first(joints: int) -> None:
     rng, chains = np.random.default_rng(7), arm(joints)
+    slopes = []
     for _ in range(100):
         q = regular(rng)[:joints]
         p = place(chains, q)[1][-1]
         axis_T, axis_W = (a / np.linalg.norm(a) for a in rng.normal(size=(2, 3)))
-        residual, angle, found = solve_point(chains, p, axis_T, axis_W, q + rng.uniform(-0.1, 0.1, joints))
+        residual, _, found = solve_point(chains, p, axis_T, axis_W, q + rng.uniform(-0.1, 0.1, joints))
         assert residual < 1e-10
         if joints == 3:
             np.testing.assert_allclose(found, q, atol=1e-7)  # nothing is free
-        # First-order optimality: no motion that keeps the point turns the axis any nearer.
         J, d = jacobian_at(chains, found), place(chains, found)[0][-1] @ axis_T
-        slope = J[3:].T @ np.cross(d, axis_W)
-        free = np.linalg.svd(J[:3])[2][3:]
-        if np.linalg.svd(J[:3])[1].min() > 0.02:
-            assert np.linalg.norm(free @ slope) < 1e-2 * max(angle, 1e-3) + 1e-5
+        slopes.append(np.linalg.norm(np.linalg.svd(J[:3])[2][3:] @ J[3:].T @ np.cross(d, axis_W)))
+    # First-order optimality: no motion that keeps the point turns the axis noticeably nearer.
+    assert np.median(slopes) < 1e-4
+    assert max(slopes) < 0.05  # rad/rad, where the axis hardly moves at all
 
 
 def test_six_joints_reach_the_direction_too() -> None:
@@ -237,8 +237,9 @@ def test_the_direction_never_gets_worse_and_limits_hold() -> None:
         seed = np.clip(q + rng.uniform(-0.1, 0.1, 6), -2.6, 2.6)
         p = place(chains, q)[1][-1]
         axis_T, axis_W = (a / np.linalg.norm(a) for a in rng.normal(size=(2, 3)))
-        alone = solve_point(chains, p, np.zeros(3), axis_W, seed)[2]
-        before = np.arccos(np.clip(place(chains, alone)[0][-1] @ axis_T @ axis_W, -1, 1))
+        alone, R_WL, p_WL = seed.copy(), np.empty((7, 3, 3)), np.empty((7, 3))
+        inverse_point(chains, 0, p, np.zeros(3), axis_W, alone, R_WL, p_WL)
+        before = np.arccos(np.clip(R_WL[-1] @ axis_T @ axis_W, -1, 1))
         residual, angle, _ = solve_point(chains, p, axis_T, axis_W, seed)
         assert residual < 1e-10
         assert angle <= before + 1e-7

@@ -62,18 +62,19 @@ def mujoco_distance(A: Body, B: Body) -> float:
     """mj_geomDistance of two bodies, each the only geom of a mocap body."""
     bodies = ""
     for kind, core, r, R, p in (A, B):
-        name, size = {
+        shapes: dict[int, tuple[str, list[float]]] = {
             POINT: ("sphere", [r]),
             SEGMENT: ("capsule", [r, core[2]]),
-            BOX: ("box", core),
+            BOX: ("box", list(core)),
             CYLINDER: ("cylinder", [core[0], core[2]]),
-            ELLIPSOID: ("ellipsoid", core),
+            ELLIPSOID: ("ellipsoid", list(core)),
             PLANE: ("plane", [1, 1, 1]),
-        }[kind]
+        }
+        name, size = shapes[kind]
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, R.ravel())
-        size, p, quat = (" ".join(repr(float(x)) for x in v) for v in (size, p, quat))
-        bodies += f'<body mocap="true" pos="{p}" quat="{quat}"><geom type="{name}" size="{size}"/></body>'
+        numbers = [" ".join(repr(float(x)) for x in v) for v in (p, quat, size)]
+        bodies += '<body mocap="true" pos="{}" quat="{}"><geom size="{}" type="{}"/></body>'.format(*numbers, name)
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     model.opt.ccd_tolerance, model.opt.ccd_iterations = 1e-12, 500
     data = mujoco.MjData(model)
