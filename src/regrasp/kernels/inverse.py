@@ -203,8 +203,9 @@ def inverse_point(
 
     The point comes first: the direction R_WT axis_T ≈ axis_W (unit vectors) is improved only along motions that keep
     the point, each followed by a return to it, so that the angle never grows and the point is never traded for it.
-    axis_T = 0 asks for no direction. Any number of joints; within the joint limits. Returns (residual, angle): |Δp| in m, < 1e-10 where the point
-    is reached, and the angle in rad left between R_WT axis_T and axis_W, a local minimum as far as ITERATIONS go.
+    Any number of joints, within their limits; axis_T = 0 asks for no direction. Returns (residual, angle): |Δp| in m,
+    < 1e-10 where the point is reached, and the angle in rad left between R_WT axis_T and axis_W, a local minimum as far
+    as ITERATIONS go.
     R_WL, p_WL are left as `forward` writes them for the q found.
     """
     first = chains.start[a]
