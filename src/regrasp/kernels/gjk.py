@@ -15,7 +15,7 @@ from regrasp.kernels.rotations import Array
 ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
 BRACKET = 1e-9  # m between the two bounds
 TOUCH = 1e-10  # m below which the cores overlap
-PUSHES = 2  # steps that refine the depth of an overlap
+PUSHES = 4  # steps that refine the depth of an overlap
 
 
 @njit(cache=True, nogil=True)
