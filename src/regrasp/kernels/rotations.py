@@ -68,16 +68,20 @@ def multiply_back(A: Array, B: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
+def rodrigues(a2: float) -> tuple[float, float]:
+    """(sin a / a, (1 − cos a) / a²) for a² = a2: the coefficients of [w] and [w]² in exp([w]) with |w| = a."""
+    if a2 < 0.05:  # the series is faster and, for the second, more accurate than the quotients here
+        s = 1.0 - a2 / 6.0 * (1.0 - a2 / 20.0 * (1.0 - a2 / 42.0 * (1.0 - a2 / 72.0 * (1.0 - a2 / 110.0))))
+        c = 0.5 - a2 / 24.0 * (1.0 - a2 / 30.0 * (1.0 - a2 / 56.0 * (1.0 - a2 / 90.0 * (1.0 - a2 / 132.0))))
+        return s, c
+    a = math.sqrt(a2)
+    return math.sin(a) / a, (1.0 - math.cos(a)) / a2
+
+
+@njit(cache=True, nogil=True)
 def exp(w: Array, R: Array) -> None:
     """R = exp([w]), the rotation by |w| rad about w (Rodrigues), exact to round-off at w = 0 too."""
-    a2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    a = math.sqrt(a2)
-    if a2 < 1e-8:  # the series is more accurate than the quotient here
-        s = 1.0 - a2 / 6.0
-        c = 0.5 - a2 / 24.0
-    else:
-        s = math.sin(a) / a
-        c = (1.0 - math.cos(a)) / a2
+    s, c = rodrigues(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     x, y, z = w[0], w[1], w[2]
     R[0, 0] = 1.0 - c * (y * y + z * z)
     R[1, 1] = 1.0 - c * (x * x + z * z)

@@ -1,0 +1,299 @@
+"""Contact kinematics of a tip on an object: how the contact moves over both surfaces as the bodies move (Montana 1988).
+
+The chart-free form of his contact equations: with the object's outward normal n, the shape operators S_O and S_T (the
+tip's turned into O) and the motion of the tip relative to the object, angular velocity ω and velocity v of the tip's
+material point at the contact, all in the object's frame O,
+
+    (S_O + S_T) ṗ_O = ω × n + S_T v,        ċ_T = ṗ_O − v   (both tangent to the object at the contact).
+
+It is the time derivative of "the points coincide, the normals oppose": n_O(p) + R n_T(c) = 0 with ṅ_O = S_O ṗ_O and
+(R n_T)˙ = −ω × n + S_T ċ_T. A contact's state is p_OC (3,), the contact point on the object in O; p_TC (3,), the one on
+the tip in T; R_OT (3, 3), the tip's orientation; x_O (3,), the unit tangent that is the contact frame's x axis (its
+others are n × x and n). The tip's frame then stands at p_OT = p_OC − R_OT p_TC.
+
+Surfaces are given by (kind, size) of `surfaces`. Inside, vectors are triples, an orientation is the triple of its
+columns and `pair` is (kind_O, size_O, kind_T, size_T): triples stay in registers where arrays would cost more than the
+arithmetic. Functions that can fail return OK, FLAT or LOST.
+"""
+
+import math
+
+from numba import njit
+
+from regrasp.kernels.rotations import dot, norm, rodrigues
+from regrasp.kernels.surfaces import bend, field, frame
+
+OK = 0
+FLAT = 1  # the surfaces touch along a line or a face (S_O + S_T is singular): the motion of the contact is not defined
+LOST = 2  # no pair of points with opposed normals was found nearby
+
+# Relative to the larger principal curvature of S_O + S_T: below it the contact counts as a line or a face.
+_SINGULAR = 1e-9
+# A step that leaves the normals apart by more [rad] has crossed a seam (edge, rim) and is taken in smaller parts.
+_SEAM = 0.03
+_SMALLEST_PART = 1.0 / 1024.0
+# Normals closer than this [rad] count as opposed.
+_OPPOSED = 1e-10
+_ITERATIONS = 20
+
+
+@njit(cache=True, nogil=True)
+def _triple(a):
+    return a[0], a[1], a[2]
+
+
+@njit(cache=True, nogil=True)
+def _columns(R):
+    return (R[0, 0], R[1, 0], R[2, 0]), (R[0, 1], R[1, 1], R[2, 1]), (R[0, 2], R[1, 2], R[2, 2])
+
+
+@njit(cache=True, nogil=True)
+def _plus(a, k, b):
+    """a + k b."""
+    return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
+
+
+@njit(cache=True, nogil=True)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True)
+def _along(x, y, a_x, a_y):
+    """a_x x + a_y y."""
+    return a_x * x[0] + a_y * y[0], a_x * x[1] + a_y * y[1], a_x * x[2] + a_y * y[2]
+
+
+@njit(cache=True, nogil=True)
+def _to_object(R, a):
+    return _plus(_along(R[0], R[1], a[0], a[1]), a[2], R[2])
+
+
+@njit(cache=True, nogil=True)
+def _to_tip(R, a):
+    return dot(R[0], a), dot(R[1], a), dot(R[2], a)
+
+
+@njit(cache=True, nogil=True)
+def _turn(w, R):
+    """exp([w]) R."""
+    s, c = rodrigues(dot(w, w))
+    u0, u1, u2 = _cross(w, R[0]), _cross(w, R[1]), _cross(w, R[2])
+    return (
+        _plus(_plus(R[0], s, u0), c, _cross(w, u0)),
+        _plus(_plus(R[1], s, u1), c, _cross(w, u1)),
+        _plus(_plus(R[2], s, u2), c, _cross(w, u2)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _unit(a):
+    length = norm(a)
+    return a[0] / length, a[1] / length, a[2] / length
+
+
+@njit(cache=True, nogil=True)
+def _transport(n, m, x):
+    """The unit tangent x at normal n, carried to the normal m by the smallest rotation that takes n to m.
+
+    Along a path of contact points this is parallel transport, to third order in the step between n and m.
+    """
+    k = dot(m, x) / (1.0 + dot(n, m))
+    x = _plus(_plus(x, -k, n), -k, m)
+    return _unit(_plus(x, -dot(m, x), m))  # round-off would grow over many steps
+
+
+@njit(cache=True, nogil=True)
+def _retract(kind, size, p):
+    """(point on the surface near p, outward unit normal there), by Newton's method along ∇F."""
+    F, g = field(kind, size, p)
+    for _ in range(_ITERATIONS):
+        slope = dot(g, g)
+        # |F|/|∇F| is the distance to the surface to first order; the curvature it stands against is 1/|p| or more.
+        if abs(F) <= 1e-15 * math.sqrt(slope * dot(p, p)):
+            break
+        p = _plus(p, -F / slope, g)
+        F, g = field(kind, size, p)
+    return p, _unit(g)
+
+
+@njit(cache=True, nogil=True)
+def _curvature(kind, size, p, x, y):
+    """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
+    F, g = field(kind, size, p)
+    length = norm(g)
+    bend_x, bend_y = bend(kind, size, p, F, g, x), bend(kind, size, p, F, g, y)
+    return dot(x, bend_x) / length, dot(y, bend_x) / length, dot(y, bend_y) / length
+
+
+@njit(cache=True, nogil=True)
+def _solve(pair, p, c, R, x, y, turn_x, turn_y, v_x, v_y):
+    """(status, ṗ_x, ṗ_y) of (S_O + S_T) ṗ = turn + S_T v, all as components on the tangents x, y of the object."""
+    kind_O, size_O, kind_T, size_T = pair
+    o_xx, o_xy, o_yy = _curvature(kind_O, size_O, p, x, y)
+    t_xx, t_xy, t_yy = _curvature(kind_T, size_T, c, _to_tip(R, x), _to_tip(R, y))
+    xx, xy, yy = o_xx + t_xx, o_xy + t_xy, o_yy + t_yy
+    determinant, trace = xx * yy - xy * xy, xx + yy
+    # The smaller eigenvalue is about determinant/trace.
+    if not determinant > _SINGULAR * trace * trace:
+        return FLAT, 0.0, 0.0
+    b_x, b_y = turn_x + t_xx * v_x + t_xy * v_y, turn_y + t_xy * v_x + t_yy * v_y
+    return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant
+
+
+@njit(cache=True, nogil=True)
+def _rates(pair, p, c, R, n, x, command):
+    """(status, ṗ_O, ċ_T, ω_O) for a motion `command` given on the tangents x and n × x."""
+    w_x, w_y, v_x, v_y = command
+    y = _cross(n, x)
+    status, p_x, p_y = _solve(pair, p, c, R, x, y, w_y, -w_x, v_x, v_y)
+    return status, _along(x, y, p_x, p_y), _to_tip(R, _along(x, y, p_x - v_x, p_y - v_y)), _along(x, y, w_x, w_y)
+
+
+@njit(cache=True, nogil=True)
+def contact_rates(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT, w_O, v_O, pdot_O, cdot_T):
+    """Montana's contact equations for any relative motion: velocities of the contact over both surfaces.
+
+    `w_O`, `v_O` (3,): angular velocity of the tip relative to the object, spin included, and velocity of the tip's
+    material point at the contact, in O (of v only the tangential part counts). Writes `pdot_O` (3,), the velocity of
+    the contact on the object in O, and `cdot_T` (3,), that on the tip in T. Returns OK, or FLAT with both meaningless.
+    """
+    n = _unit(field(kind_O, size_O, p_OC)[1])
+    x, y = frame(n)
+    status, pdot, cdot, _ = _rates(
+        (kind_O, size_O, kind_T, size_T),
+        _triple(p_OC),
+        _triple(p_TC),
+        _columns(R_OT),
+        n,
+        x,
+        (dot(x, w_O), dot(y, w_O), dot(x, v_O), dot(y, v_O)),
+    )
+    pdot_O[0], pdot_O[1], pdot_O[2] = pdot
+    cdot_T[0], cdot_T[1], cdot_T[2] = cdot
+    return status
+
+
+@njit(cache=True, nogil=True)
+def _settle(pair, p, c, R):
+    """(status, first angle between the normals, p, c, n): see `settle`."""
+    kind_O, size_O, kind_T, size_T = pair
+    first, best = 0.0, math.inf
+    p_from, c_from, step = p, c, p
+    for iteration in range(_ITERATIONS):
+        p, n = _retract(kind_O, size_O, p)
+        c, n_T = _retract(kind_T, size_T, c)
+        m = _plus(n, 1.0, _to_object(R, n_T))
+        gap = norm(m)
+        if iteration == 0:
+            first = gap
+        if gap <= _OPPOSED:
+            return OK, first, p, c, n
+        if gap < best:
+            best, p_from, c_from = gap, p, c
+            x, y = frame(n)
+            status, d_x, d_y = _solve(pair, p, c, R, x, y, -dot(x, m), -dot(y, m), 0.0, 0.0)
+            if status != OK:
+                return status, first, p, c, n
+            step = _along(x, y, d_x, d_y)
+        else:  # a seam lies in between, where Newton's step may overshoot for ever
+            step = _along(step, step, 0.5, 0.0)
+        p, c = _plus(p_from, 1.0, step), _plus(c_from, 1.0, _to_tip(R, step))
+    return LOST, first, p, c, n
+
+
+@njit(cache=True, nogil=True)
+def settle(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT):
+    """Bring an approximate contact back onto both surfaces with opposed normals, at the given orientation of the tip.
+
+    Newton's method on n_O(p) + R n_T(c) = 0 moves the two contact points by the same δ, (S_O + S_T) δ = −(n_O + R n_T):
+    a correction that rolls and never slips, so the lengths of the two contact paths stay equal. p_OC and p_TC are in
+    and out (untouched unless OK). Returns (status, angle between the normals at the start [rad]).
+    """
+    status, gap, p, c, _ = _settle((kind_O, size_O, kind_T, size_T), _triple(p_OC), _triple(p_TC), _columns(R_OT))
+    if status == OK:
+        p_OC[0], p_OC[1], p_OC[2] = p
+        p_TC[0], p_TC[1], p_TC[2] = c
+    return status, gap
+
+
+@njit(cache=True, nogil=True)
+def _midpoint(pair, command, p, c, R, x, n):
+    """One step of the midpoint rule, settled: (status, gap, p, c, R, x, n)."""
+    status, pdot, cdot, w = _rates(pair, p, c, R, n, x, command)
+    if status != OK:
+        return status, 0.0, p, c, R, x, n
+    p_mid = _plus(p, 0.5, pdot)
+    n_mid = _unit(field(pair[0], pair[1], p_mid)[1])
+    status, pdot, cdot, w = _rates(
+        pair, p_mid, _plus(c, 0.5, cdot), _turn(_along(w, w, 0.5, 0.0), R), n_mid, _transport(n, n_mid, x), command
+    )
+    if status != OK:
+        return status, 0.0, p, c, R, x, n
+    R = _turn(w, R)
+    status, gap, p, c, n_end = _settle(pair, _plus(p, 1.0, pdot), _plus(c, 1.0, cdot), R)
+    return status, gap, p, c, R, _transport(n, n_end, x), n_end
+
+
+@njit(cache=True, nogil=True)
+def _substep(pair, command, p_OC, p_TC, R_OT, x_O):
+    """Move the state by `command` in place; in parts where it crosses a seam, at which the midpoint rule overshoots."""
+    if command[0] == 0.0 and command[1] == 0.0 and command[2] == 0.0 and command[3] == 0.0:
+        return OK
+    p, c, R, x = _triple(p_OC), _triple(p_TC), _columns(R_OT), _triple(x_O)
+    n = _unit(field(pair[0], pair[1], p)[1])
+    done, part = 0.0, 1.0
+    status = OK
+    while done < 1.0:
+        piece = (part * command[0], part * command[1], part * command[2], part * command[3])
+        status, gap, p_end, c_end, R_end, x_end, n_end = _midpoint(pair, piece, p, c, R, x, n)
+        if (status != OK or gap > _SEAM) and part > _SMALLEST_PART:
+            part *= 0.5
+            continue
+        if status != OK:
+            break
+        p, c, R, x, n = p_end, c_end, R_end, x_end, n_end
+        done += part
+    p_OC[0], p_OC[1], p_OC[2] = p
+    p_TC[0], p_TC[1], p_TC[2] = c
+    x_O[0], x_O[1], x_O[2] = x
+    for j in range(3):
+        R_OT[0, j], R_OT[1, j], R_OT[2, j] = R[j]
+    return status
+
+
+@njit(cache=True, nogil=True)
+def advance(kind_O, size_O, kind_T, size_T, command, substeps, p_OC, p_TC, R_OT, x_O):
+    """Integrate the contact equations over a motion, in place; second order in 1/substeps, free of drift.
+
+    `command` (4,) is the whole motion of the tip relative to the object, (ω_x, ω_y) [rad] and (v_x, v_y) [m] along the
+    axes x, y of the contact frame, which is parallel-transported along the contact path from x_O; there is no spin.
+    After every substep the points lie on the surfaces and the normals oppose. No motion leaves the state untouched.
+    Returns OK, or FLAT or LOST with the state at the last point reached.
+    """
+    h = 1.0 / substeps
+    piece = (h * command[0], h * command[1], h * command[2], h * command[3])
+    for _ in range(substeps):
+        status = _substep((kind_O, size_O, kind_T, size_T), piece, p_OC, p_TC, R_OT, x_O)
+        if status != OK:
+            return status
+    return OK
+
+
+@njit(cache=True, nogil=True)
+def advance_path(kind_O, size_O, kind_T, size_T, command, p_OC, p_TC, R_OT, x_O):
+    """`advance` with the state after every substep kept: p_OC, p_TC, x_O (substeps + 1, 3), R_OT (substeps + 1, 3, 3).
+
+    Row 0 is the state at the start; the other rows are written, up to the substep that fails, which is returned as
+    FLAT or LOST.
+    """
+    substeps = p_OC.shape[0] - 1
+    h = 1.0 / substeps
+    piece = (h * command[0], h * command[1], h * command[2], h * command[3])
+    pair = (kind_O, size_O, kind_T, size_T)
+    for k in range(substeps):
+        p_OC[k + 1], p_TC[k + 1], R_OT[k + 1], x_O[k + 1] = p_OC[k], p_TC[k], R_OT[k], x_O[k]
+        status = _substep(pair, piece, p_OC[k + 1], p_TC[k + 1], R_OT[k + 1], x_O[k + 1])
+        if status != OK:
+            return status
+    return OK

@@ -1,0 +1,177 @@
+"""Gap between two convex cores by the algorithm of Gilbert, Johnson & Keerthi 1988, with a certified bracket.
+
+The Minkowski difference D = {b − a} is explored through support functions. v, the point nearest to the origin of a
+simplex in D, bounds the distance from above by |v|; the plane through the support point w in the direction −v bounds it
+from below by v·w/|v|. The iteration ends when the two meet.
+"""
+
+import math
+
+from numba import njit
+
+from regrasp.kernels.cores import Vector, support
+from regrasp.kernels.rotations import Array
+
+ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
+BRACKET = 1e-9  # m between the two bounds
+TOUCH = 1e-10  # m below which the cores overlap
+
+
+@njit(cache=True, nogil=True)
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True)
+def _sub(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(cache=True, nogil=True)
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True)
+def _nearest2(a: Vector, w: Vector) -> tuple[Vector, bool]:
+    """Point of the segment a w nearest to the origin, and whether a is needed for it."""
+    e = _sub(a, w)
+    s, t = _dot(e, e), -_dot(w, e)
+    if t <= 0.0 or s <= 0.0:
+        return w, False
+    t = min(t / s, 1.0)
+    return (w[0] + t * e[0], w[1] + t * e[1], w[2] + t * e[2]), True
+
+
+@njit(cache=True, nogil=True)
+def _nearest3(a: Vector, b: Vector, w: Vector) -> tuple[Vector, bool, bool]:
+    """Point of the triangle a b w nearest to the origin among those with a share of w, and whether a, b are needed."""
+    e, f = _sub(a, w), _sub(b, w)
+    ee, ef, ff = _dot(e, e), _dot(e, f), _dot(f, f)
+    det = ee * ff - ef * ef
+    # Coordinates from w, the newest point: no differences of large numbers where the triangle is small and far away.
+    if det > 1e-15 * ee * ff:
+        r, s = -_dot(w, e), -_dot(w, f)
+        x, y = (ff * r - ef * s) / det, (ee * s - ef * r) / det
+        if x > 0.0 and y > 0.0 and x + y < 1.0:
+            return (w[0] + x * e[0] + y * f[0], w[1] + x * e[1] + y * f[1], w[2] + x * e[2] + y * f[2]), True, True
+    p, with_a = _nearest2(a, w)
+    q, with_b = _nearest2(b, w)
+    if _dot(p, p) <= _dot(q, q):
+        return p, with_a, False
+    return q, False, with_b
+
+
+@njit(cache=True, nogil=True)
+def _beyond(a: Vector, b: Vector, w: Vector, other: Vector) -> bool:
+    """Whether the face a b w separates the origin from the fourth vertex, or the tetrahedron is flat over it."""
+    e, f, g = _sub(a, w), _sub(b, w), _sub(other, w)
+    n = _cross(e, f)
+    height, origin = _dot(g, n), -_dot(w, n)
+    return height * origin <= 0.0 or height * height <= 1e-24 * _dot(n, n) * _dot(g, g)
+
+
+@njit(cache=True, nogil=True)
+def _minkowski(
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, d: Vector
+) -> Vector:
+    """Point of D = {b − a} furthest along d, o = p_B − p_A."""
+    b = support(kind_B, core_B, R_B, d)
+    a = support(kind_A, core_A, R_A, (-d[0], -d[1], -d[2]))
+    return o[0] + b[0] - a[0], o[1] + b[1] - a[1], o[2] + b[2] - a[2]
+
+
+@njit(cache=True, nogil=True)
+def _depth(
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, depth: float
+) -> float:
+    """Least shift, at most `depth`, along an axis of either body that parts overlapping cores: ≥ the true depth."""
+    for i in range(3):
+        for R in (R_A, R_B):
+            u = (R[0, i], R[1, i], R[2, i])
+            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
+            depth = min(depth, _dot(u, w))
+            u = (-u[0], -u[1], -u[2])
+            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
+            depth = min(depth, _dot(u, w))
+    return max(depth, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def gap(
+    kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array, limit: float
+) -> float:
+    """Distance in m between two cores (not PLANE) in W; if they overlap, minus a depth no less than the true one.
+
+    Returns early, with a lower bound of the distance, as soon as one exceeds limit.
+    """
+    o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
+    v = o  # the difference of the centres lies in D
+    lower, upper = -math.inf, math.sqrt(_dot(v, v))
+    if upper <= TOUCH:
+        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, math.inf)
+    a, b, c, count = v, v, v, 0
+    for _ in range(ITERATIONS):
+        w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-v[0], -v[1], -v[2]))
+        lower = max(lower, _dot(v, w) / upper)
+        if lower > limit:
+            return lower
+        if upper - lower <= BRACKET:
+            return upper
+        # The simplex is the `count` first of a, b, c, and w; keep what carries its nearest point, w last.
+        if count == 0:
+            u, a, count = w, w, 1
+        elif count == 1:
+            u, with_a = _nearest2(a, w)
+            if with_a:
+                b, count = w, 2
+            else:
+                a = w
+        elif count == 2:
+            u, with_a, with_b = _nearest3(a, b, w)
+            if with_a and with_b:
+                c, count = w, 3
+            elif with_a:
+                b = w
+            elif with_b:
+                a = b
+                b = w
+            else:
+                a, count = w, 1
+        else:
+            best, face = math.inf, 0
+            u, with_1, with_2 = w, False, False
+            if _beyond(a, b, w, c):
+                u, with_1, with_2 = _nearest3(a, b, w)
+                best, face = _dot(u, u), 1
+            if _beyond(b, c, w, a):
+                p, with_p, with_q = _nearest3(b, c, w)
+                if _dot(p, p) < best:
+                    u, with_1, with_2, best, face = p, with_p, with_q, _dot(p, p), 2
+            if _beyond(c, a, w, b):
+                p, with_p, with_q = _nearest3(c, a, w)
+                if _dot(p, p) < best:
+                    u, with_1, with_2, best, face = p, with_p, with_q, _dot(p, p), 3
+            if face == 0:
+                break
+            if face == 2:
+                a, b = b, c
+            elif face == 3:
+                a, b = c, a
+            if with_1 and with_2:
+                c = w
+            elif with_1:
+                b, count = w, 2
+            elif with_2:
+                a, b, count = b, w, 2
+            else:
+                a, count = w, 1
+        length = math.sqrt(_dot(u, u))
+        if length <= TOUCH:
+            break
+        if length >= upper:  # round-off has the last word
+            return upper
+        v, upper = u, length
+    else:
+        return upper
+    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, -lower)

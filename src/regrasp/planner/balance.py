@@ -1,0 +1,111 @@
+"""Force equilibrium (paper §3): the contacts of one configuration as columns of the force LP, and its solution."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.forces import EDGES, OPTIMAL, Program, friction_edges, ray, solve
+from regrasp.kernels.surfaces import tangents
+from regrasp.planner.hand import Hand
+from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y
+from regrasp.planner.path import Path
+from regrasp.planner.supports import SLIDE, STICK
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def is_sliding(code: int) -> bool:
+    """Whether the contact motion is one of slide ±x, ±y."""
+    return SLIDE_X <= code <= SLIDE_MINUS_Y
+
+
+@njit(cache=True, nogil=True)
+def slide_direction(code: int, x: Array, y: Array, t: Array) -> None:
+    """t = the direction in which a sliding tip moves over the object, and so of its friction on the object."""
+    for a in range(3):
+        along = x[a] if code <= SLIDE_MINUS_X else y[a]
+        t[a] = along if code in (SLIDE_X, SLIDE_Y) else -along
+
+
+@njit(cache=True, nogil=True)
+def contact_columns(
+    hand: Hand, i: int, code: int, p_OC: Array, n: Array, t: Array, margin: float, lp: Program, first: int
+) -> int:
+    """Write agent i's contact into the LP, in O about the centre of mass; returns the number of columns written.
+
+    n is the object's outward normal; t the slip direction of a sliding contact, whose force lies on the boundary ray of
+    the true cone. Rolling and resting contacts use (1 − margin) μ, so that plans keep off the edge of their cones.
+    """
+    p, n_in, x, y = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for a in range(3):
+        p[a] = p_OC[a] - hand.p_OM_O[a]
+        n_in[a] = -n[a]
+    count = EDGES
+    if is_sliding(code):
+        ray(p, n_in, t, hand.mu[i], hand.radius, lp.A, first)
+        count = 1
+    else:
+        tangents(n, x, y)
+        friction_edges(p, n_in, x, y, (1.0 - margin) * hand.mu[i], hand.radius, lp.A, first)
+    for c in range(first, first + count):
+        lp.cost[c] = 1.0
+        lp.group[c] = i
+    return count
+
+
+@njit(cache=True, nogil=True)
+def support_columns(hand: Hand, path: Path, j: int, s: int, margin: float, lp: Program, first: int) -> int:
+    """Write the passive contacts at sample s of interval j into the LP: they bear force and cost no effort."""
+    p, x, y = np.empty(3), np.empty(3), np.empty(3)
+    at = first
+    for column in range(path.support_mode.shape[1]):
+        mode = path.support_mode[j, column]
+        if mode != STICK and mode != SLIDE:
+            continue
+        n = path.support_n_O[j, s, column]
+        for a in range(3):
+            p[a] = path.support_p_O[j, s, column, a] - hand.p_OM_O[a]
+        count = 1
+        if mode == SLIDE:
+            ray(p, n, path.support_t_O[j, s, column], path.support_mu[column], hand.radius, lp.A, at)
+        else:
+            tangents(n, x, y)
+            friction_edges(p, n, x, y, (1.0 - margin) * path.support_mu[column], hand.radius, lp.A, at)
+            count = EDGES
+        for c in range(at, at + count):
+            lp.cost[c] = 0.0
+            lp.group[c] = -1
+        at += count
+    return at - first
+
+
+@njit(cache=True, nogil=True)
+def balance(
+    hand: Hand,
+    path: Path,
+    j: int,
+    s: int,
+    bears: NDArray[np.uint8],
+    codes: NDArray[np.int8],
+    p_OC: Array,
+    n: Array,
+    t: Array,
+    margin: float,
+    lp: Program,
+) -> tuple[bool, float, int]:
+    """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, columns written).
+
+    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
+    """
+    columns = 0
+    for i in range(len(bears)):
+        if bears[i]:
+            columns += contact_columns(hand, i, codes[i], p_OC[i], n[i], t[i], margin, lp, columns)
+    columns += support_columns(hand, path, j, s, margin, lp, columns)
+    for a in range(3):
+        lp.b[a] = path.up_O[j, s, a]
+        lp.b[3 + a] = 0.0
+    status, value, _ = solve(lp, columns, False)
+    return status == OPTIMAL, value, columns

@@ -1,0 +1,164 @@
+"""Maintaining contact (paper §2): an agent keeps touching the moving object while its contact rolls, slides or stays."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.chains import forward, jacobian
+from regrasp.kernels.contact import WORK, advance
+from regrasp.kernels.inverse import inverse, inverse_point
+from regrasp.kernels.rates import rates
+from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.surfaces import project, tangents
+from regrasp.planner.hand import Hand
+from regrasp.planner.path import Path
+
+Array = NDArray[np.float64]
+
+REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
+JUMP = 0.6  # rad: a joint that moves further in one interval has changed its branch
+
+
+@njit(cache=True, nogil=True)
+def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, R_WT: Array, p_WT: Array) -> None:
+    """Pose of the tip that puts its point p_TC onto the object's point p_OC: X_WT = X_WO (R_OT, p_OC − R_OT p_TC)."""
+    r = np.empty(3)
+    rotate(R_OT, p_TC, r)
+    for a in range(3):
+        r[a] = p_OC[a] - r[a]
+    multiply(R_WO, R_OT, R_WT)
+    rotate(R_WO, r, p_WT)
+    for a in range(3):
+        p_WT[a] += p_WO[a]
+
+
+@njit(cache=True, nogil=True)
+def is_full(hand: Hand, i: int) -> bool:
+    """Whether agent i has the six joints that realise any relative velocity."""
+    return hand.chains.start[i + 1] - hand.chains.start[i] >= 6
+
+
+@njit(cache=True, nogil=True)
+def reach_tip(
+    hand: Hand, path: Path, j: int, s: int, i: int,
+    p_OC: Array, p_TC: Array, R_OT: Array, q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """Joint angles q (in: seed) of a six-joint agent that hold the contact at sample s of interval j; link frames too."""
+    R_WT, p_WT = np.empty((3, 3)), np.empty(3)
+    tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
+    before = q.copy()
+    residual, _ = inverse(hand.chains, i, R_WT, p_WT, q, R_WL, p_WL)
+    return residual < REACHED and np.max(np.abs(q - before)) < JUMP
+
+
+@njit(cache=True, nogil=True)
+def short_step(
+    hand: Hand, path: Path, j: int, s: int, i: int, command: Array,
+    p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """One sample forward for an agent of fewer than six joints (DESIGN: agents of any freedom).
+
+    The relative linear velocity is a hard constraint; the commanded relative angular velocity is met in the least-squares
+    sense, and the contact evolves by the relative angular velocity actually achieved. Midpoint rule in the joints, then
+    the tip's position is settled exactly. command: ω_x, ω_y, v_x, v_y over this one sample, in C.
+    """
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    J = np.empty((6, n_a))
+    n, y, foot = np.empty(3), np.empty(3), np.empty(3)
+    v, w, r, w_O, dq, got = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(n_a), np.empty(3)
+    turn, shift = np.empty(3), np.empty(3)
+    step, R_WO, p_W = np.empty(4), np.empty((3, 3)), np.empty(3)
+    object_step(path, j, s, turn, shift)
+    middle = q.copy()
+    contact, axis = p_OC.copy(), x_O.copy()
+    for stage in range(2):
+        # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
+        forward(hand.chains, i, middle, R_WL, p_WL)
+        project(hand.kind_O, hand.size_O, contact, foot, n)
+        for a in range(3):
+            y[a] = n[(a + 1) % 3] * axis[(a + 2) % 3] - n[(a + 2) % 3] * axis[(a + 1) % 3]
+        u = 0.5 * stage
+        for a in range(3):
+            for b in range(3):
+                R_WO[a, b] = (1.0 - u) * path.R_WO[j, s, a, b] + u * path.R_WO[j, s + 1, a, b]
+            p_W[a] = path.p_WO[j, s, a] + u * shift[a]
+        rotate(R_WO, foot, r)
+        for a in range(3):
+            w_O[a] = command[0] * axis[a] + command[1] * y[a]
+            v[a] = command[2] * axis[a] + command[3] * y[a]
+        rotate(R_WO, v, v)
+        rotate(R_WO, w_O, w)
+        for a in range(3):
+            v[a] += shift[a] + turn[(a + 1) % 3] * r[(a + 2) % 3] - turn[(a + 2) % 3] * r[(a + 1) % 3]
+            w[a] += turn[a]
+            p_W[a] += r[a]
+        jacobian(hand.chains, i, R_WL, p_WL, p_W, J)
+        rates(hand.chains, i, J, v, w, dq, got)
+        if stage == 0:
+            for a in range(n_a):
+                middle[a] = q[a] + 0.5 * dq[a]
+    for a in range(3):
+        got[a] -= turn[a]
+    rotate_back(R_WO, got, w_O)
+    step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
+    step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
+    step[2], step[3] = command[2], command[3]
+    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, 1, p_OC, p_TC, R_OT, x_O)
+    for a in range(n_a):
+        q[a] += dq[a]
+    R_WT, p_WT = np.empty((3, 3)), np.empty(3)
+    tip_target(path.R_WO[j, s + 1], path.p_WO[j, s + 1], p_OC, p_TC, R_OT, R_WT, p_WT)
+    rotate(R_WT, hand.axis_T[i], w)
+    residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], w, q, R_WL, p_WL)
+    # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
+    multiply_back(path.R_WO[j, s + 1], R_WL[n_a], R_OT)
+    project(hand.kind_O, hand.size_O, p_OC, foot, n)
+    rotate_back(R_OT, n, r)
+    for a in range(3):
+        p_TC[a] = -hand.size_T[i, 0] * r[a]
+    return residual < REACHED
+
+
+@njit(cache=True, nogil=True)
+def object_step(path: Path, j: int, s: int, turn: Array, shift: Array) -> None:
+    """Rotation vector (W) and displacement of the object from sample s to s + 1 of interval j."""
+    A, B = path.R_WO[j, s], path.R_WO[j, s + 1]
+    # For the small steps between samples the skew part of B Aᵀ is sin θ along the axis.
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        skew = 0.0
+        for x in range(3):
+            skew += B[c, x] * A[b, x] - B[b, x] * A[c, x]
+        turn[a] = 0.5 * skew
+        shift[a] = path.p_WO[j, s + 1, a] - path.p_WO[j, s, a]
+    sine = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    if sine > 1e-12:
+        scale = np.arcsin(min(1.0, sine)) / sine
+        for a in range(3):
+            turn[a] *= scale
+
+
+@njit(cache=True, nogil=True)
+def follow(
+    hand: Hand, path: Path, command: Array, j: int, i: int,
+    p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """Take agent i in contact through interval j with one contact motion; all arrays in and out.
+
+    command (4,): ω_x, ω_y, v_x, v_y over the interval in C. Returns whether the workspace condition holds: the end is
+    reached within the joint limits and without a jump. The contact moves on even where the joints can't follow.
+    """
+    m = path.R_WO.shape[1] - 1
+    n = np.empty(3)
+    y, foot = np.empty(3), np.empty(3)
+    project(hand.kind_O, hand.size_O, p_OC, foot, n)
+    tangents(n, x_O, y)
+    if is_full(hand, i):
+        advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], command, m, p_OC, p_TC, R_OT, x_O)
+        return reach_tip(hand, path, j, m, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+    fine = True
+    step = command / m
+    for s in range(m):
+        if not short_step(hand, path, j, s, i, step, p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL):
+            fine = False
+    return fine

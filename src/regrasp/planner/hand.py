@@ -1,0 +1,174 @@
+"""The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
+
+from typing import NamedTuple
+
+import numpy as np
+from mujoco import mjtGeom
+from numpy.typing import NDArray
+
+from regrasp.errors import InputError
+from regrasp.kernels.chains import Chains
+from regrasp.kernels.distances import OBJECT, STATIC, Geoms
+from regrasp.kernels.support import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.surfaces import BOX as BOX_SURFACE
+from regrasp.kernels.surfaces import CAPSULE, SPHERE
+from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
+from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
+from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.scene.world import World
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Hand(NamedTuple):
+    """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
+
+    chains: the agents' serial chains; geoms: every body, agents first, then static, the object last.
+    geom_start (k + 1,): geoms of agent i are geom_start[i] … geom_start[i + 1] − 1.
+    pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
+    object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
+    tip_geom (k,), object_geom: indices into geoms.
+    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
+    mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
+    home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
+    p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
+    """
+
+    chains: Chains
+    geoms: Geoms
+    geom_start: Ints
+    pairs: Ints
+    block: Ints
+    tip_geom: Ints
+    object_geom: int
+    kind_O: int
+    size_O: Array
+    kind_T: Ints
+    size_T: Array
+    mu: Array
+    cap: Array
+    home: Array
+    axis_T: Array
+    reach: Array
+    p_OM_O: Array
+    radius: float
+    weight: float
+
+
+def geom_index(world: World) -> dict[int, int]:
+    """Where each colliding geom of the model stands in Hand.geoms; all geoms of the object are one body there."""
+    ids = [int(g) for agent in world.agents for g in agent.geoms] + [int(g) for g in world.static_geoms]
+    return {g: a for a, g in enumerate(ids)} | {int(g): len(ids) for g in world.object_geoms}
+
+
+def hand_of(world: World) -> Hand:
+    """The kernel arrays of a world.
+
+    Raises InputError where a body has no kernel: for a tip that is not a sphere, and as `arrays` says.
+    """
+    model, agents = world.model, world.agents
+    for agent in agents:
+        if model.geom_type[agent.tip_geom] != mjtGeom.mjGEOM_SPHERE:
+            raise InputError(f"agents.{agent.name}.tip", "is not a sphere", "a sphere geom at the end of the finger")
+    joints = [agent.joints.tolist() for agent in agents]
+    index = geom_index(world)
+    ids = [geom for geom in index if geom not in world.object_geoms]
+    chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
+    geoms = with_object(geoms_from(model, ids, joints, world.object_body), world.object_kind, world.object_size)
+    starts = np.cumsum([0, *(len(agent.geoms) for agent in agents)])
+    pairs, block = blocks([(index[int(a)], index[int(b)]) for a, b in world.collision_pairs], geoms.agent, len(agents))
+    mass = float(model.body_mass[world.object_body])
+    g = float(np.linalg.norm(model.opt.gravity))
+    weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
+    axis = [R.T @ (p / np.linalg.norm(p)) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
+    reach = [
+        float(np.sum(np.linalg.norm(chains.p_PJ[chains.start[i] + 1 : chains.start[i + 1]], axis=1)))
+        + float(np.linalg.norm(chains.p_PJ[chains.start[i]]))
+        + float(np.linalg.norm(chains.p_LT[i]))
+        for i in range(len(agents))
+    ]
+    return Hand(
+        chains=chains,
+        geoms=geoms,
+        geom_start=starts.astype(np.int64),
+        pairs=pairs,
+        block=block,
+        tip_geom=np.array([index[agent.tip_geom] for agent in agents], np.int64),
+        object_geom=len(ids),
+        kind_O=world.object_kind,
+        size_O=world.object_size,
+        kind_T=np.full(len(agents), SPHERE, np.int64),
+        size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
+        mu=np.array([agent.friction for agent in agents]),
+        cap=np.array([agent.max_force / weight for agent in agents]),
+        home=np.concatenate([agent.home for agent in agents]).astype(float),
+        axis_T=np.array(axis),
+        reach=np.array(reach),
+        p_OM_O=np.array(model.body_ipos[world.object_body]),
+        radius=bounding_radius(world.object_kind, world.object_size),
+        weight=weight,
+    )
+
+
+def blocks(pairs: list[tuple[int, int]], owner: Ints, k: int) -> tuple[Ints, Ints]:
+    """Pairs sorted by block, and where each block starts (see `Hand`)."""
+
+    def column(g: int) -> int:
+        return {STATIC: k, OBJECT: k + 1}.get(int(owner[g]), int(owner[g]))
+
+    sorted_pairs: dict[tuple[int, int], set[tuple[int, int]]] = {}
+    for a, b in pairs:
+        if column(b) < k <= column(a) or (column(a) < k and column(b) < k and column(b) < column(a)):
+            a, b = b, a
+        row, other = column(a), column(b)
+        if row >= k:  # the object with a static body
+            row, other = k, k
+        sorted_pairs.setdefault((row, other), set()).add((a, b))
+    block = np.zeros((k + 1, k + 3), np.int64)
+    flat: list[tuple[int, int]] = []
+    for row in range(k + 1):
+        for other in range(k + 2):
+            block[row, other] = len(flat)
+            flat += sorted(sorted_pairs.get((row, other), ()))
+        block[row, k + 2] = len(flat)
+    return np.array(flat, np.int64).reshape(-1, 2), block
+
+
+def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
+    """The geoms with the object appended as one convex core with a radius (its rounding)."""
+    edge = size[3]
+    core, radius = {
+        SPHERE: (np.zeros(3), size[0]),
+        ELLIPSOID_SURFACE: (size[:3], 0.0),
+        CAPSULE: (np.array([0.0, 0.0, size[1]]), size[0]),
+        CYLINDER_SURFACE: (np.array([size[0] - edge, size[0] - edge, size[1] - edge]), edge),
+        BOX_SURFACE: (size[:3] - edge, edge),
+    }[kind]
+    code = {
+        SPHERE: POINT, ELLIPSOID_SURFACE: ELLIPSOID, CAPSULE: SEGMENT, CYLINDER_SURFACE: CYLINDER, BOX_SURFACE: BOX,
+    }[kind]  # fmt: skip
+    return Geoms(
+        kind=np.append(geoms.kind, code),
+        core=np.vstack([geoms.core, core]),
+        radius=np.append(geoms.radius, radius),
+        R_LG=np.concatenate([geoms.R_LG, np.eye(3)[None]]),
+        p_LG=np.vstack([geoms.p_LG, np.zeros(3)]),
+        bound=np.append(geoms.bound, bounding_radius(kind, size)),
+        agent=np.append(geoms.agent, OBJECT),
+        link=np.append(geoms.link, 0),
+    )
+
+
+def bounding_radius(kind: int, size: Array) -> float:
+    """Radius of the ball about the object's origin that holds it, m."""
+    edge = float(size[3])
+    if kind == BOX_SURFACE:
+        return float(np.linalg.norm(size[:3] - edge)) + edge
+    if kind == CYLINDER_SURFACE:
+        return float(np.hypot(size[0] - edge, size[1] - edge)) + edge
+    if kind == CAPSULE:
+        return float(size[0] + size[1])
+    if kind == ELLIPSOID_SURFACE:
+        return float(np.max(size[:3]))
+    return float(size[0])

@@ -1,0 +1,176 @@
+"""The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.planner.energy import Energy, Terms, adopt, evaluate, new_work
+from regrasp.planner.grasp import Grasp, grasp_at, put
+from regrasp.planner.hand import Hand
+from regrasp.planner.motion import Motion, detail
+from regrasp.planner.motions import MOTION_COUNT, RELOCATE, MotionSteps, commands
+from regrasp.planner.outcome import Failure, Progress, Report
+from regrasp.planner.path import Path
+from regrasp.planner.relocation import Relocation, Scan, new_scan
+from regrasp.planner.state import empty_state
+from regrasp.search.annealing import Annealing, anneal
+
+Codes = NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class LocalPlanner:
+    """Settings of the local planner.
+
+    attempts: annealing runs on an arc before it counts as failed.
+    """
+
+    attempts: int = 3
+    annealing: Annealing = field(default_factory=Annealing)
+    energy: Energy = field(default_factory=Energy)
+    steps: MotionSteps = field(default_factory=MotionSteps)
+    relocation: Relocation = field(default_factory=Relocation)
+
+
+def terms_of(hand: Hand, settings: LocalPlanner) -> Terms:
+    """The settings as the kernels take them."""
+    energy, relocation = settings.energy, settings.relocation
+    return Terms(
+        energy.collision, energy.equilibrium, energy.force, energy.change, energy.clearance, energy.friction_margin,
+        relocation.outlook, relocation.tries, relocation.lift * hand.radius, commands(settings.steps, hand.radius),
+    )  # fmt: skip
+
+
+def random_motions(n: int, k: int, rng: np.random.Generator) -> Codes:
+    """A random V, every entry drawn on its own (paper §5: "random generated initial V matrices")."""
+    return rng.integers(0, MOTION_COUNT, (n, k)).astype(np.int8)
+
+
+@dataclass(frozen=True)
+class Change:
+    """A proposed V, which differs from the current one in intervals first … final only."""
+
+    V: Codes
+    first: int
+    final: int
+
+
+class ContactMotions:
+    """Eq. (1) on one arc as a problem for `search.annealing`: the current V and its State, and the trial beside it."""
+
+    def __init__(self, hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, V: Codes) -> None:
+        self.hand, self.path, self.scan, self.terms = hand, path, scan, terms
+        self.current, self.trial = empty_state(hand, path), empty_state(hand, path)
+        put(hand, start, self.current)
+        self.work = new_work(hand, path, scan)
+        self.reset(V)
+
+    def reset(self, V: Codes) -> float:
+        """Take V as the current state, evaluated from scratch; its energy."""
+        n = len(V)
+        self.energy, stop = evaluate(
+            self.hand, self.path, self.scan, self.terms, V, 0, n - 1, np.inf, True, self.current, self.trial, self.work
+        )
+        adopt(self.hand, self.trial, self.current, 0, stop)
+        self.stop = 0
+        return self.energy
+
+    def propose(self, rng: np.random.Generator) -> Change:
+        """One agent does another motion over a run of intervals, or a change of motion moves to another time."""
+        V = self.current.V.copy()
+        n, k = V.shape
+        i = int(rng.integers(k))
+        first = int(rng.integers(n))
+        if rng.random() < 0.3:
+            # Carry the motion of a neighbouring interval on: moves the time of a change without a new one.
+            ahead = bool(rng.random() < 0.5)
+            final = min(n - 1, first + int(rng.integers(1, 4)) - 1)
+            source = first - 1 if ahead else final + 1
+            if 0 <= source < n and V[source, i] != RELOCATE:
+                V[first : final + 1, i] = V[source, i]
+                return Change(V, first, final)
+        code = int(rng.integers(MOTION_COUNT))
+        final = first
+        if code != RELOCATE and rng.random() < 0.7:
+            final = min(n - 1, first + int(rng.integers(1, n + 1)) - 1)
+        V[first : final + 1, i] = code
+        return Change(V, first, final)
+
+    def evaluate(self, move: Change, bound: float) -> float:
+        """E of the proposed V, or inf as soon as it is known to exceed the bound."""
+        E, self.stop = evaluate(
+            self.hand, self.path, self.scan, self.terms, move.V, move.first, move.final, bound, False,
+            self.current, self.trial, self.work,
+        )  # fmt: skip
+        return float(E)
+
+    def accept(self, move: Change) -> None:
+        """Make the proposed V the current one."""
+        adopt(self.hand, self.trial, self.current, move.first, self.stop)
+
+    def snapshot(self) -> Codes:
+        """The current V."""
+        return self.current.V.copy()
+
+
+@dataclass(frozen=True)
+class ArcResult:
+    """A planned arc: its motion, the grasp at its end, the history of E(V)."""
+
+    motion: Motion
+    grasp: Grasp
+    energy: NDArray[np.float64]
+
+
+def plan_arc(
+    hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
+    report: Report, stage: str,
+) -> ArcResult | Failure:  # fmt: skip
+    """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom."""
+    terms = terms_of(hand, settings)
+    scan = new_scan(hand, path, settings.relocation)
+    n, k = len(path.R_WO), len(names)
+    history: list[NDArray[np.float64]] = []
+    worst: Motion | None = None
+    for _ in range(settings.attempts):
+        problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, rng))
+        result = anneal(problem, problem.energy, settings.annealing, rng, watcher(report, stage))
+        history.append(result.energy)
+        problem.reset(result.best)
+        motion = detail(hand, path, scan, terms, problem.current, result.best, problem.work, names)
+        if not motion.violations:
+            return ArcResult(motion, grasp_at(problem.current, n), np.concatenate(history))
+        if worst is None or len(motion.violations) < len(worst.violations):
+            worst = motion
+    assert worst is not None
+    return failure_of(worst, stage, n)
+
+
+def watcher(report: Report, stage: str) -> Callable[[int, int, float, float], None]:
+    """The annealing's reports as Progress of this stage."""
+
+    def tell(done: int, total: int, energy: float, best: float) -> None:
+        report(Progress(stage, done, total, energy, best))
+
+    return tell
+
+
+REMEDIES = {
+    "equilibrium": "more friction, a larger max_force, another agent or a support",
+    "collision": "a thinner hand, a smaller planner.local.energy.clearance, or more room",
+    "reach": "a larger hand, another start.grasp, or a goal nearer to the hand",
+}
+
+
+def failure_of(motion: Motion, stage: str, n: int) -> Failure:
+    """The first violation of the best motion found, in words."""
+    first = motion.violations[0]
+    return Failure(
+        first.constraint,
+        f"{stage}, interval {first.interval + 1} of {n}",
+        first.who or "object",
+        f"{first.detail} ({len(motion.violations)} violations in the best motion found)",
+        REMEDIES[first.constraint],
+    )

@@ -1,0 +1,175 @@
+"""The method (paper §3, Fig. 1): subgoals from the global planner, motions between them from the local planner, in a loop."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.planner.assemble import Segment, Timing, assemble
+from regrasp.planner.grasp import Grasp, GraspSearch, find_grasp, given_grasp
+from regrasp.planner.hand import Hand, hand_of
+from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
+from regrasp.planner.outcome import Failure, Outcome, Progress, Report
+from regrasp.planner.path import Path, Pose, distance, nominal_path
+from regrasp.planner.poses import Node, PoseGrid
+from regrasp.planner.relocation import new_scan
+from regrasp.planner.route import GlobalPlanner, Router
+from regrasp.planner.supports import Support, supports_of
+from regrasp.scene.schema import Scene
+from regrasp.scene.world import World, build
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of the planner; a scene's `planner` section and the command line's flags are these fields.
+
+    intervals: at most so many per arc (n of the paper). samples: steps in which an interval is computed.
+    turn: rad, and travel: parts of the object's radius, that the object moves in one interval at most.
+    arcs: local planning runs before the whole is given up.
+    """
+
+    intervals: int = 30
+    samples: int = 12
+    turn: float = 0.06
+    travel: float = 0.12
+    arcs: int = 12
+    local: LocalPlanner = field(default_factory=LocalPlanner)
+    route: GlobalPlanner = field(default_factory=GlobalPlanner)
+    grasp: GraspSearch = field(default_factory=GraspSearch)
+    timing: Timing = field(default_factory=Timing)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A scene made ready for planning."""
+
+    world: World
+    hand: Hand
+    supports: tuple[Support, ...]
+    router: Router
+    settings: Settings
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The agents' names."""
+        return tuple(agent.name for agent in self.world.agents)
+
+
+def prepare(scene: Scene, settings: Settings) -> Task:
+    """World, kernel arrays, supports and pose grid of a scene."""
+    world = build(scene)
+    hand = hand_of(world)
+    supports = supports_of(world, hand)
+    start, goal = (scene.start.pose.R, scene.start.pose.p), (scene.goal.pose.R, scene.goal.pose.p)
+    grid = PoseGrid(
+        start, goal, scene.freedoms, settings.route.step * hand.radius, settings.route.angle, supports,
+        hand.kind_O, hand.size_O,
+    )  # fmt: skip
+    g = np.array(scene.gravity)
+    up_W = -g / np.linalg.norm(g) if np.any(g) else np.zeros(3)
+    return Task(world, hand, supports, Router(hand, grid, supports, up_W, settings.route), settings)
+
+
+def arc_path(task: Task, a: Node, b: Node) -> list[Path]:
+    """The nominal path from subgoal a to b, in pieces of at most `intervals` intervals."""
+    s, grid, hand = task.settings, task.router.grid, task.hand
+    start, goal = grid.pose(a), grid.pose(b)
+    assert start is not None
+    assert goal is not None
+    shift = float(np.linalg.norm(goal[1] - start[1]))
+    angle = distance(start, goal, 1.0) - shift
+    n = max(4, math.ceil(angle / s.turn - 1e-9), math.ceil(shift / (s.travel * hand.radius) - 1e-9))
+    pieces = math.ceil(n / s.intervals)
+    each = math.ceil(n / pieces)
+    R, p = grid.arc(a, b, pieces * each * s.samples)
+    step = each * s.samples
+    gravity = np.array(task.world.scene.gravity)
+    return [
+        nominal_path(
+            R[c * step : (c + 1) * step + 1], p[c * step : (c + 1) * step + 1], each, s.samples, gravity, task.supports,
+            hand.kind_O, hand.size_O,
+        )
+        for c in range(pieces)
+    ]  # fmt: skip
+
+
+def first_grasp(task: Task, path: Path, rng: np.random.Generator) -> Grasp | Failure:
+    """The start grasp the scene gives, or one found for the first arc."""
+    scene, hand = task.world.scene, task.hand
+    if scene.start.grasp != "auto":
+        return given_grasp(hand, path, scene.start.grasp, task.names)
+    off = tuple(task.names.index(name) for name in scene.start.off)
+    terms, scan = terms_of(hand, task.settings.local), new_scan(hand, path, task.settings.local.relocation)
+    return find_grasp(hand, path, scan, terms, off, task.names, task.settings.grasp, rng)
+
+
+def check_ends(task: Task) -> Failure | None:
+    """Start or goal inside an obstacle, which no route mends."""
+    grid = task.router.grid
+    for where, pose, remedy in (
+        ("start", grid.start_pose, "another start.pose"),
+        ("goal", grid.goal_pose, "another goal.pose"),
+    ):
+        hit = task.router.blocked(pose, 0.0)
+        if hit:
+            return Failure("collision", f"{where}.pose", "object", f"the object is inside {hit}", remedy)
+    return None
+
+
+def plan_pieces(
+    task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report
+) -> tuple[list[Segment], Grasp] | Failure:
+    """Local plans of consecutive pieces of an arc, each from where the one before ends."""
+    planned: list[Segment] = []
+    for path in pieces:
+        stage = f"segment {first + len(planned) + 1}"
+        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage)
+        if isinstance(result, Failure):
+            return result
+        planned.append(Segment(result.motion, result.energy))
+        grasp = result.grasp
+    return planned, grasp
+
+
+def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | None = None) -> Outcome:
+    """Plan a scene: the loop of the paper's Fig. 1.
+
+    The global planner gives a route of subgoals; the local planner plans its first arc from the grasp at hand; where it
+    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan.
+    """
+    report = progress or (lambda _: None)
+    rng = np.random.default_rng(seed)
+    task = prepare(scene, settings)
+    failure = check_ends(task)
+    if failure:
+        return Outcome(None, failure)
+    here, grasp = task.router.grid.start, None
+    segments: list[Segment] = []
+    subgoals: list[Pose] = [task.router.grid.start_pose]
+    for attempt in range(settings.arcs):
+        report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
+        route = task.router.route(here)
+        if isinstance(route, Failure):
+            return Outcome(None, failure or route)
+        pieces = arc_path(task, here, route[1])
+        if grasp is None or not segments:
+            grasp_or = first_grasp(task, pieces[0], rng)
+            if isinstance(grasp_or, Failure):
+                return Outcome(None, grasp_or)
+            grasp = grasp_or
+        result = plan_pieces(task, pieces, grasp, len(segments), rng, report)
+        if isinstance(result, Failure):
+            failure = result
+            task.router.failed(here, route[1])
+            continue
+        planned, grasp = result
+        segments += planned
+        subgoals += [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in planned]
+        here = route[1]
+        if here == task.router.grid.goal:
+            plan = assemble(task.world, segments, subgoals, task.supports, settings.timing, seed, settings, ())
+            return Outcome(plan, None)
+    return Outcome(None, failure)

@@ -1,0 +1,36 @@
+"""The quantised contact motions y_j of the matrix V (paper §4) and the relative velocities they command."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+STAY = 0
+ROLL_X, ROLL_MINUS_X, ROLL_Y, ROLL_MINUS_Y = 1, 2, 3, 4
+SLIDE_X, SLIDE_MINUS_X, SLIDE_Y, SLIDE_MINUS_Y = 5, 6, 7, 8
+RELOCATE = 9
+OFF = 10
+MOTION_COUNT = 11
+
+
+@dataclass(frozen=True)
+class MotionSteps:
+    """How far one interval's contact motion goes: ω_max and v_max of the paper, as steps so that time may be stretched.
+
+    roll: relative rotation of a rolling tip per interval, rad.
+    slide: way of a sliding tip per interval, as a part of the object's radius.
+    """
+
+    roll: float = 0.1
+    slide: float = 0.02
+
+
+def commands(steps: MotionSteps, radius: float) -> NDArray[np.float64]:
+    """(MOTION_COUNT, 4): ω_x, ω_y [rad] and v_x, v_y [m] of the tip relative to the object over one interval, in C."""
+    table = np.zeros((MOTION_COUNT, 4))
+    table[ROLL_X, 0], table[ROLL_MINUS_X, 0] = steps.roll, -steps.roll
+    table[ROLL_Y, 1], table[ROLL_MINUS_Y, 1] = steps.roll, -steps.roll
+    slide = steps.slide * radius
+    table[SLIDE_X, 2], table[SLIDE_MINUS_X, 2] = slide, -slide
+    table[SLIDE_Y, 3], table[SLIDE_MINUS_Y, 3] = slide, -slide
+    return table

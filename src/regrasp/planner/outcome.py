@@ -1,0 +1,49 @@
+"""What planning returns: a plan, or the reason there is none; and what it tells while it works."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from regrasp.plan import Plan
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why no plan was found.
+
+    constraint: which condition of paper §2 failed ('collision', 'reach', 'equilibrium', 'route', 'grasp', 'start', 'goal').
+    where: the place on the way, in words ('arc 2 of 3, interval 14').
+    agent: the agent or body concerned, '' where it is the object's.
+    reason: what was found. remedy: what the user can change.
+    """
+
+    constraint: str
+    where: str
+    agent: str
+    reason: str
+    remedy: str
+
+    def __str__(self) -> str:
+        who = f" {self.agent}:" if self.agent else ""
+        return f"{self.constraint}: {self.where}:{who} {self.reason} ({self.remedy})"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """One report of a long computation: stage in words, done of total steps, current and best energy of Eq. (1)."""
+
+    stage: str
+    done: int
+    total: int
+    energy: float
+    best: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of planning: exactly one of `plan` and `failure` is given."""
+
+    plan: Plan | None
+    failure: Failure | None
+
+
+Report = Callable[[Progress], None]

@@ -1,0 +1,155 @@
+"""The global planner (paper §3): A* over the object's quantised configuration space among static obstacles.
+
+Its nodes are subgoals, its arcs nominal paths. It also decides where static surfaces carry the object: an arc's cost weighs
+its length against the least force that holds the object there with the supports it touches.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.kernels.forces import EDGES, OPTIMAL, friction_edges, program, solve
+from regrasp.kernels.surfaces import sample, tangents
+from regrasp.planner.collision import block_hit, closer, place
+from regrasp.planner.hand import Hand
+from regrasp.planner.outcome import Failure
+from regrasp.planner.path import Pose
+from regrasp.planner.poses import FREE, Node, PoseGrid
+from regrasp.planner.supports import TOUCH, Support, touching
+from regrasp.search.astar import AStar, Found, Settings
+
+Array = NDArray[np.float64]
+NEAR_INFINITE = 1e6
+
+
+@dataclass(frozen=True)
+class GlobalPlanner:
+    """Settings of the global planner.
+
+    step: grid step in parts of the object's radius. angle: about the step between orientations, rad. clearance: m between
+    object and obstacles. weight: how far f = g + weight · h may overestimate (the route is at most so much longer).
+    nodes: expanded before the search gives up. force: cost of one weight of holding force, in parts of an arc's length.
+    penalty: factor on the cost of an arc on which the local planner failed.
+    """
+
+    step: float = 0.6
+    angle: float = 0.6
+    clearance: float = 0.002
+    weight: float = 1.0
+    nodes: int = 20000
+    force: float = 0.2
+    penalty: float = 3.0
+
+
+class Router:
+    """A* on a PoseGrid with the obstacles and supports of a hand; keeps what failed arcs taught it."""
+
+    def __init__(self, hand: Hand, grid: PoseGrid, supports: tuple[Support, ...], up_W: Array, settings: GlobalPlanner):
+        self.hand, self.grid, self.supports, self.up_W, self.settings = hand, grid, supports, up_W, settings
+        self.search = AStar(
+            grid.neighbours, self.cost, self.estimate,
+            Settings(weight=settings.weight, nodes=settings.nodes),
+        )  # fmt: skip
+        self._free: dict[tuple[Node, Node], bool] = {}
+        self._force: dict[Node, float] = {}
+        count = hand.object_geom + 1
+        self._R_WG, self._p_WG = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        self._R_WG[:-1], self._p_WG[:-1] = hand.geoms.R_LG[:-1], hand.geoms.p_LG[:-1]
+        self._grasp_points = sample(hand.kind_O, hand.size_O, 24)
+
+    def blocked(self, pose: Pose, clearance: float) -> str:
+        """What the object would hit at a pose: '' if nothing, else the kind of body."""
+        k = len(self.hand.tip_geom)
+        place(
+            self.hand, self.hand.object_geom, self.hand.object_geom + 1, pose[0][None], pose[1][None], self._R_WG, self._p_WG
+        )
+        if block_hit(self.hand, k, k, self._R_WG, self._p_WG, clearance):
+            return "an obstacle"
+        for support in self.supports:
+            if closer(self.hand, self.hand.object_geom, support.geom, self._R_WG, self._p_WG, -TOUCH):
+                return f"the support {support.name}"
+        return ""
+
+    def in_reach(self, pose: Pose) -> bool:
+        """Whether some agent could touch the object at a pose at all."""
+        far = np.linalg.norm(self.hand.chains.p_WB - pose[1], axis=1)
+        return bool(np.any(far <= self.hand.reach + self.hand.radius))
+
+    def free(self, a: Node, b: Node) -> bool:
+        """Whether the object gets from a to b clear of everything and within reach."""
+        key = (a, b) if a < b else (b, a)
+        if key not in self._free:
+            length = self.grid.length(*key, self.hand.radius)
+            R, p = self.grid.arc(*key, max(1, math.ceil(length / (0.08 * self.hand.radius))))
+            clearance = self.settings.clearance
+            self._free[key] = all(
+                self.in_reach((R[s], p[s])) and not self.blocked((R[s], p[s]), clearance) for s in range(len(R))
+            )
+        return self._free[key]
+
+    def least_force(self, node: Node) -> float:
+        """Σ of normal forces, in weights, that hold the object at a node if fingers could touch it anywhere."""
+        if node not in self._force:
+            self._force[node] = self._hold(node)
+        return self._force[node]
+
+    def _hold(self, node: Node) -> float:
+        pose = self.grid.pose(node)
+        assert pose is not None
+        hand = self.hand
+        rests = [] if node.support == FREE else touching(self.supports[node.support], hand.kind_O, hand.size_O, *pose)
+        points = [(p, -n, float(np.min(hand.mu)), 1.0) for p, n in zip(*self._grasp_points, strict=True)]
+        points += [(p, pose[0].T @ n, self.supports[node.support].mu, 0.0) for p, n in rests]
+        lp = program(EDGES * len(points), 1)
+        x, y = np.empty(3), np.empty(3)
+        for c, (p, n, mu, cost) in enumerate(points):
+            tangents(n, x, y)
+            friction_edges(p - hand.p_OM_O, n, x, y, mu, hand.radius, lp.A, EDGES * c)
+            lp.cost[EDGES * c : EDGES * (c + 1)] = cost
+        lp.group[:] = -1
+        lp.b[:3], lp.b[3:] = pose[0].T @ self.up_W, 0.0
+        status, value, _ = solve(lp, EDGES * len(points), False)
+        return value if status == OPTIMAL else NEAR_INFINITE
+
+    def cost(self, a: Node, b: Node) -> float:
+        """Cost of an arc: its length times 1 + force · (least holding force); inf where it is not free."""
+        if not self.free(a, b):
+            return math.inf
+        length = self.grid.length(a, b, self.hand.radius)
+        if not self.supports:
+            return length  # the least force is the same everywhere
+        return length * (1.0 + self.settings.force * 0.5 * (self.least_force(a) + self.least_force(b)))
+
+    def estimate(self, node: Node) -> float:
+        """Length of the straight way to the goal: never more than the cost, as the length is a metric."""
+        return self.grid.length(node, self.grid.goal, self.hand.radius)
+
+    def route(self, start: Node) -> list[Node] | Failure:
+        """Subgoals from a node to the goal, as few as keep the route free and no dearer, or why there are none."""
+        result = self.search.run(start, self.grid.goal)
+        if not isinstance(result, Found):
+            return Failure(
+                "route", "global planner", "object", f"no way to the goal among the obstacles ({result.reason})",
+                "a finer planner.route.step, more planner.route.nodes, or a goal that can be reached",
+            )  # fmt: skip
+        return self._straightened(list(result.path))
+
+    def _straightened(self, path: list[Node]) -> list[Node]:
+        """Leave out subgoals between which the object may as well go straight."""
+        out = [path[0]]
+        while out[-1] != path[-1]:
+            here = path.index(out[-1])
+            step = here + 1
+            for far in range(len(path) - 1, here + 1, -1):
+                along = sum(self.search.edge_cost(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
+                if self.search.edge_cost(path[here], path[far]) <= along * (1.0 + 1e-9):
+                    step = far
+                    break
+            out.append(path[step])
+        return out
+
+    def failed(self, a: Node, b: Node) -> None:
+        """The local planner failed between a and b: raise that arc's cost, so that other routes are tried first."""
+        self.search.penalise(a, b, self.settings.penalty)

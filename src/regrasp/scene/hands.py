@@ -1,0 +1,178 @@
+"""The hands, added to a world: Puma fingers around a palm, planar fingers, or a user's own file."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.errors import InputError
+from regrasp.scene import mjcf, planar, puma
+from regrasp.scene.parts import LINK_COLOUR
+from regrasp.scene.pose import about
+from regrasp.scene.schema import ModelFile, PlanarHand, PumaHand, Scene
+
+Array = NDArray[np.float64]
+
+# Names of a user's model are kept apart from those of the scene by this prefix.
+PREFIX = "robot/"
+
+# A Puma finger at rest: upper arm outwards, forearm inwards, the tool level; joint 1 turns it towards the hand's axis.
+PUMA_HOME = np.radians([0.0, 125.0, -145.0, 0.0, -70.0, 0.0])
+PLANAR_HOME = np.radians([40.0, -60.0, -60.0])
+
+# A user's model says nothing of speed.
+SPEED = 2.0  # rad/s or m/s
+
+
+@dataclass(frozen=True)
+class Finger:
+    """What a hand says of one agent: the name of its tip geom in the world, its rest posture and its joint speeds."""
+
+    tip: str
+    home: Array | None
+    speed: Array
+
+
+def fingers(scene: Scene) -> tuple[Finger, ...]:
+    """The agents of the scene in order, as the hand describes them, overridden by what `agents` says."""
+    specs = {agent.name: agent for agent in scene.agents}
+    found = []
+    for name in scene.agent_names:
+        spec = specs.get(name)
+        finger = _finger(scene, name)
+        home = finger.home if spec is None or spec.home is None else np.array(spec.home)
+        speed = finger.speed if spec is None or spec.speed is None else np.array(spec.speed)
+        found.append(Finger(finger.tip, home, speed))
+    return tuple(found)
+
+
+def _finger(scene: Scene, name: str) -> Finger:
+    match scene.model:
+        case PumaHand() as hand:
+            return Finger(f"{name}/tip", _puma_home(hand), puma.SPEED)
+        case PlanarHand() as hand:
+            base = hand.bases[hand.finger_names.index(name)]
+            return Finger(f"{name}/tip", PLANAR_HOME if base.home is None else np.array(base.home), planar.SPEED)
+        case _:
+            tip = next(agent.tip for agent in scene.agents if agent.name == name)
+            return Finger(f"{PREFIX}{tip}", None, np.array(SPEED))
+
+
+def _puma_home(hand: PumaHand) -> Array:
+    if hand.home is not None:
+        return np.array(hand.home)
+    home = PUMA_HOME.copy()
+    # The arm works beside its own axis by d3; turned by this angle its plane holds the hand's axis.
+    home[0] = math.asin(min(1.0, puma.D[2] * hand.scale / hand.ring))
+    return home
+
+
+def attach(spec: mujoco.MjSpec, scene: Scene) -> None:
+    """Adds the scene's hand or model to the world `spec`, the files it needs to `spec.assets`.
+
+    Raises InputError when a user's model cannot be used.
+    """
+    match scene.model:
+        case PumaHand() as hand:
+            _attach_pumas(spec, hand)
+        case PlanarHand() as hand:
+            _attach_planar(spec, hand)
+        case ModelFile() as file:
+            _attach_file(spec, file, scene)
+
+
+def _attach_pumas(spec: mujoco.MjSpec, hand: PumaHand) -> None:
+    arm = puma.Puma.sized(hand.scale, hand.tool_length, hand.tip_radius)
+    palm = spec.worldbody.add_body(name="palm", pos=hand.pose.p, quat=hand.pose.wxyz)
+    if hand.palm:
+        radius, half = hand.ring + 2 * puma.LINK_RADIUS * hand.scale, puma.LINK_RADIUS * hand.scale / 2
+        palm.add_geom(
+            name="palm",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            pos=[0, 0, -half],
+            size=[radius, half, 0],
+            rgba=LINK_COLOUR,
+        )
+    for i, name in enumerate(hand.finger_names):
+        angle = 2 * math.pi * i / hand.fingers
+        position = hand.ring * np.array([math.cos(angle), math.sin(angle), 0.0])
+        base = palm.add_body(name=f"{name}/base", pos=position, quat=about(2, angle + math.pi))
+        arm.attach(base, name)
+        # These overlap by construction: the shoulder stands on the column; forearm and tool meet at the wrist.
+        spec.add_exclude(bodyname1=f"{name}/base", bodyname2=f"{name}/link1")
+        spec.add_exclude(bodyname1=f"{name}/link3", bodyname2=f"{name}/link6")
+
+
+def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:
+    for name, at in zip(hand.finger_names, hand.bases, strict=True):
+        x, z = at.position
+        base = spec.worldbody.add_body(name=f"{name}/base", pos=[x, 0, z], quat=about(1, -at.angle))
+        planar.attach(base, name, hand.links, hand.link_radius, hand.tip_radius)
+
+
+def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:
+    if not Path(model.file).is_file():
+        raise InputError("model.file", f"no file {model.file}", "a path counts from the scene file's directory")
+    try:
+        robot = mujoco.MjSpec.from_file(model.file)
+        robot.compile()
+    except ValueError as error:
+        raise InputError("model.file", f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    if robot.equalities:
+        raise InputError(
+            "model.file", "the model has equality constraints", "agents are open chains of hinges and slides"
+        )
+    moving = _chain_joints(robot, scene)
+    for kind in (robot.keys, robot.sensors, robot.actuators, robot.tendons):
+        for element in list(kind):
+            robot.delete(element)
+    for joint in list(robot.joints):  # a joint of no agent stays where it is
+        if joint not in moving:
+            robot.delete(joint)
+    robot.assets = mjcf.embed(robot)
+    for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
+        if not name.startswith("_"):
+            setattr(robot.option, name, getattr(spec.option, name))
+    frame = spec.worldbody.add_frame(pos=model.pose.p, quat=model.pose.wxyz)
+    spec.attach(robot, frame=frame, prefix=PREFIX)
+
+
+def _chain_joints(robot: mujoco.MjSpec, scene: Scene) -> list[mujoco.MjsJoint]:
+    """The joints between the world and the agents' tips; no two agents may share one."""
+    owner: dict[int, str] = {}
+    joints: list[mujoco.MjsJoint] = []
+    for i, agent in enumerate(scene.agents):
+        field, before = f"agents.{i}.tip", len(joints)
+        body = _tip(robot, field, agent.tip or "").parent
+        while body.id != 0:
+            for joint in body.joints:
+                if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+                    continue  # a floating base is held where the file puts it
+                if joint.type == mujoco.mjtJoint.mjJNT_BALL:
+                    raise InputError(field, f"joint {joint.name!r} before it is a ball", "hinges and slides only")
+                if (other := owner.setdefault(joint.id, agent.name)) != agent.name:
+                    raise InputError(field, f"shares joint {joint.name!r} with {other}", "each agent has its own joints")
+                joints.append(joint)
+            body = body.parent
+        if len(joints) == before:
+            raise InputError(field, f"no joint moves {agent.tip!r}", "the tip is at the end of a chain of joints")
+    return joints
+
+
+def _tip(robot: mujoco.MjSpec, field: str, name: str) -> mujoco.MjsGeom:
+    """The tip geom called `name`; a body may stand for its only colliding geom, which then takes the body's name."""
+    geom, body = robot.geom(name), robot.body(name)
+    if geom is not None:
+        return geom
+    if body is None:
+        names = [geom.name for geom in robot.geoms if geom.name] or [body.name for body in robot.bodies[1:] if body.name]
+        raise InputError(field, f"no geom or body {name!r} in the model", f"legal: {', '.join(names)}")
+    solid = [geom for geom in body.geoms if geom.contype or geom.conaffinity]
+    if len(solid) != 1 or solid[0].name:
+        names = [geom.name for geom in solid if geom.name]
+        raise InputError(field, f"body {name!r} has {len(solid)} colliding geoms", f"name the geom {', '.join(names)}")
+    solid[0].name = name
+    return solid[0]

@@ -1,0 +1,41 @@
+"""Parts that every built-in mechanism is made of: capsule links, spherical tips, limited hinges."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LINK_COLOUR = (0.62, 0.66, 0.72, 1.0)
+TIP_COLOUR = (0.25, 0.28, 0.33, 1.0)
+
+
+def capsule(body: mujoco.MjsBody, name: str, start: Array, end: Array, radius: float) -> None:
+    """A capsule from `start` to `end` (in the body's frame, m); massless where the body's inertia is given."""
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[*start, *end],
+        size=[radius, 0, 0],
+        rgba=LINK_COLOUR,
+    )
+
+
+def tip(body: mujoco.MjsBody, name: str, centre: Array, radius: float) -> None:
+    """The spherical fingertip; its frame T has the attitude of the body."""
+    body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=centre, size=[radius, 0, 0], rgba=TIP_COLOUR)
+
+
+def hinge(
+    body: mujoco.MjsBody, name: str, axis: Array, lower: float, upper: float, armature: float, damping: float
+) -> mujoco.MjsJoint:
+    """A hinge at the body's origin with range [lower, upper] rad, motor inertia kg m², viscous friction N m s/rad."""
+    return body.add_joint(
+        name=name,
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=axis,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=[lower, upper],
+        armature=armature,
+        damping=[damping, 0, 0],
+    )

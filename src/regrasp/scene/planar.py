@@ -1,0 +1,30 @@
+"""The planar finger of the paper's Fig. 2: three hinges about −y, capsule links in the plane y = 0, a spherical tip."""
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from regrasp.scene.parts import capsule, hinge, tip
+
+# The first hinge turns freely to both sides of its zero direction; the others fold nearly back on their link.
+LIMIT = np.array([math.radians(150.0), math.radians(150.0), math.radians(150.0)])
+SPEED = np.array([2.0, 3.0, 4.0])  # rad/s
+ARMATURE = 1e-4  # kg m², a small geared motor
+DAMPING = 1e-2  # N m s/rad
+
+
+def attach(base: mujoco.MjsBody, name: str, links: Sequence[float], link_radius: float, tip_radius: float) -> None:
+    """Adds the finger to the static body `base`: it stretches along the base's x, positive angles turn it towards z.
+
+    Bodies and geoms are named `name`/link1…, joints `name`/joint1…, the tip's geom `name`/tip. The links have the
+    density of water, MuJoCo's default, as printed plastic nearly has.
+    """
+    body, before = base, 0.0
+    for i, length in enumerate(links):
+        body = body.add_body(name=f"{name}/link{i + 1}", pos=[before, 0, 0])
+        hinge(body, f"{name}/joint{i + 1}", np.array([0.0, -1.0, 0.0]), -LIMIT[i], LIMIT[i], ARMATURE, DAMPING)
+        capsule(body, f"{name}/link{i + 1}", np.zeros(3), np.array([length, 0.0, 0.0]), link_radius)
+        before = length
+    tip(body, f"{name}/tip", np.array([before, 0.0, 0.0]), tip_radius)

@@ -1,0 +1,316 @@
+"""The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from regrasp.scene.pose import Pose, Strict, conjugate, multiply
+from regrasp.scene.units import (
+    Acceleration,
+    Angle,
+    Coordinate,
+    Force,
+    Friction,
+    JointSpeed,
+    JointValue,
+    Length,
+    Mass,
+    Quantity,
+    Scale,
+    fault,
+)
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][\w.-]*$")]
+Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
+FREEDOMS: tuple[Freedom, ...] = ("x", "y", "z", "rx", "ry", "rz")
+RESERVED = ("object", "palm", "world")
+NUMBERS = {"plane": "", "sphere": "radius", "ellipsoid": "semi-axes a, b, c", "capsule": "radius, half length",
+           "cylinder": "radius, half height", "box": "half extents x, y, z"}  # fmt: skip
+ROUNDED = ("cylinder", "box")
+
+
+def _check_size(shape: str, size: Sequence[float]) -> None:
+    wanted = NUMBERS[shape].count(",") + 1 if NUMBERS[shape] else 0
+    if len(size) != wanted:
+        raise fault(f"size has {len(size)} numbers for a {shape}", f"legal: {NUMBERS[shape] or 'no size'}")
+
+
+class Object(Strict):
+    """The object to be moved: a solid of uniform density, frame O at its centre, z along the axis of revolution."""
+
+    shape: Literal["sphere", "ellipsoid", "capsule", "cylinder", "box"]
+    size: tuple[Length, ...]
+    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
+    mass: Mass
+
+    @model_validator(mode="after")
+    def _check(self) -> "Object":
+        _check_size(self.shape, self.size)
+        if self.shape not in ROUNDED and self.rounding > 0.0:
+            raise fault(f"a {self.shape} has no edges to round", "leave rounding out")
+        if self.shape in ROUNDED and not 0.0 < self.rounding < min(self.size):
+            raise fault(
+                f"rounding {self.rounding:g} of the {self.shape}'s edges must lie between 0 and {min(self.size):g} m",
+                "contact kinematics needs a smooth surface: a few millimetres, say 0.003",
+            )
+        return self
+
+
+class Environment(Strict):
+    """A fixed body. The plane is the half space below z = 0 of its own frame."""
+
+    name: Name
+    shape: Literal["plane", "box", "sphere", "capsule", "cylinder"]
+    size: tuple[Length, ...] = ()
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    friction: Friction | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "Environment":
+        _check_size(self.shape, self.size)
+        return self
+
+
+class PumaHand(Strict):
+    """Puma 560 fingers (or whole arms, at scale 1) evenly on a ring around a palm, the first on its +x side."""
+
+    hand: Literal["puma"]
+    fingers: Annotated[int, Field(ge=1, le=12)] = 3
+    scale: Scale = 0.25
+    ring: Length = 0.14
+    palm: Annotated[bool, Field(description="whether a solid disc closes the ring")] = True
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    tip_radius: Length | None = None
+    tool_length: Length | None = None
+    home: tuple[JointValue, JointValue, JointValue, JointValue, JointValue, JointValue] | None = None
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return tuple(f"finger{i + 1}" for i in range(self.fingers))
+
+
+class PlanarBase(Strict):
+    """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
+
+    position: tuple[Coordinate, Coordinate]
+    angle: Angle
+    home: tuple[JointValue, JointValue, JointValue] | None = None
+
+
+class PlanarHand(Strict):
+    """Fingers of three hinges about −y, moving in the plane y = 0."""
+
+    hand: Literal["planar"]
+    bases: Annotated[tuple[PlanarBase, ...], Field(min_length=1, max_length=12)]
+    links: tuple[Length, Length, Length] = (0.09, 0.07, 0.05)
+    link_radius: Length = 0.008
+    tip_radius: Length = 0.012
+
+    @model_validator(mode="after")
+    def _check(self) -> "PlanarHand":
+        if self.link_radius > self.tip_radius:
+            raise fault("link_radius exceeds tip_radius", "the tip must stand proud of its link to touch the object")
+        return self
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
+
+
+class ModelFile(Strict):
+    """A user's own MJCF or URDF file, its world placed at `pose`."""
+
+    file: Annotated[str, StringConstraints(min_length=1)]
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+
+class AgentSpec(Strict):
+    """One finger or arm. For a built-in hand only what differs from the hand's own values is written."""
+
+    name: Name
+    tip: str | None = None
+    max_force: Force | None = None
+    friction: Friction | None = None
+    speed: JointSpeed | None = None
+    home: tuple[JointValue, ...] | None = None
+
+
+class Contact(Strict):
+    """One contact of the start grasp: `point` in frame O (the nearest surface point counts) or the agent's `joints`."""
+
+    agent: str
+    point: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    joints: tuple[JointValue, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> "Contact":
+        if (self.point is None) == (self.joints is None):
+            raise fault("needs point or joints, not both", "point: [x, y, z] in the object's frame, in metres")
+        return self
+
+
+def _grasp_tag(value: Any) -> str:
+    return "grasp: contacts" if isinstance(value, list | tuple) else "grasp: auto"
+
+
+def _model_tag(value: Any) -> str | None:
+    if isinstance(value, dict):
+        return "model: file" if "file" in value else f"model: {value.get('hand')}"
+    return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
+
+
+# Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
+MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+Grasp = Annotated[
+    Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
+    Discriminator(_grasp_tag),
+]
+Model = Annotated[
+    Annotated[PumaHand, Tag("model: puma")]
+    | Annotated[PlanarHand, Tag("model: planar")]
+    | Annotated[ModelFile, Tag("model: file")],
+    Discriminator(
+        _model_tag,
+        custom_error_type="scene",
+        custom_error_message="neither a built-in hand nor a file",
+        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+    ),
+]
+
+
+class Start(Strict):
+    """The start: the object's pose, the contacts (`auto`: the planner chooses), the agents that stay off."""
+
+    pose: Pose
+    grasp: Grasp = "auto"
+    off: tuple[str, ...] = ()
+
+
+class Tolerance(Strict):
+    """How near the goal counts as there: m and rad."""
+
+    position: Length = 1e-3
+    rotation: Annotated[float, Quantity("rad", 0.0, math.pi, above=True, high_hint="radians, not degrees?")] = 1e-2
+
+
+class Goal(Strict):
+    """Where the object shall be."""
+
+    pose: Pose
+    tolerance: Tolerance = Tolerance()
+
+
+class Scene(Strict):
+    """A whole task. Lengths in m, angles in rad, masses in kg, forces in N; quaternions w, x, y, z."""
+
+    name: Name
+    description: str = ""
+    model: Model
+    object: Object
+    agents: tuple[AgentSpec, ...] = ()
+    environment: tuple[Environment, ...] = ()
+    supports: tuple[str, ...] = ()
+    friction: Friction = 0.7
+    max_force: Force = 10.0
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
+    freedoms: Annotated[tuple[Freedom, ...], Field(min_length=1)] = FREEDOMS
+    start: Start
+    goal: Goal
+    planner: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def agent_names(self) -> tuple[str, ...]:
+        """The agents that take part, in order: those listed, or every finger of the built-in hand."""
+        if isinstance(self.model, ModelFile) or self.agents:
+            return tuple(agent.name for agent in self.agents)
+        return self.model.finger_names
+
+    @property
+    def support_names(self) -> tuple[str, ...]:
+        """What may be named in `supports`: the environment, and the palm of a hand that has one."""
+        palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
+        return tuple(body.name for body in self.environment) + palm
+
+    @model_validator(mode="after")
+    def _names(self) -> "Scene":
+        if problems := [*_agent_problems(self), *_name_problems(self), *_freedom_problems(self)]:
+            raise PydanticCustomError("scenes", "{problems}", {"problems": problems})
+        return self
+
+
+Problem = tuple[str, str, str]  # field, reason, hint
+
+
+def _repeated(names: Sequence[str]) -> Iterator[tuple[int, str]]:
+    return ((i, name) for i, name in enumerate(names) if name in names[:i])
+
+
+def _agent_problems(scene: Scene) -> Iterator[Problem]:
+    if isinstance(scene.model, ModelFile):
+        if not scene.agents:
+            yield "agents", "missing", "a model of your own needs its agents listed: name and tip geom"
+        for i, agent in enumerate(scene.agents):
+            if agent.tip is None:
+                yield f"agents.{i}.tip", "missing", "the name of the fingertip's geom in the model"
+        return
+    fingers = scene.model.finger_names
+    for i, agent in enumerate(scene.agents):
+        if agent.name not in fingers:
+            yield f"agents.{i}.name", f"no finger {agent.name!r}", f"legal: {', '.join(fingers)}"
+        if agent.tip is not None:
+            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out"
+
+
+def _name_problems(scene: Scene) -> Iterator[Problem]:
+    for field, names in (
+        ("agents.{}.name", [agent.name for agent in scene.agents]),
+        ("environment.{}.name", [body.name for body in scene.environment]),
+        ("supports.{}", scene.supports),
+        ("freedoms.{}", scene.freedoms),
+        ("start.off.{}", scene.start.off),
+    ):
+        for i, name in _repeated(names):
+            yield field.format(i), f"{name!r} appears twice", "each name once"
+    for i, body in enumerate(scene.environment):
+        if body.name in RESERVED:
+            yield f"environment.{i}.name", f"{body.name!r} is reserved", f"not {', '.join(RESERVED)}"
+    for i, name in enumerate(scene.supports):
+        if name not in scene.support_names:
+            yield f"supports.{i}", f"no surface {name!r}", f"legal: {', '.join(scene.support_names) or 'none'}"
+    legal = ", ".join(scene.agent_names)
+    for i, name in enumerate(scene.start.off):
+        if name not in scene.agent_names:
+            yield f"start.off.{i}", f"no agent {name!r}", f"legal: {legal}"
+    if scene.start.grasp == "auto":
+        return
+    holding = [contact.agent for contact in scene.start.grasp]
+    for i, name in enumerate(holding):
+        if name not in scene.agent_names:
+            yield f"start.grasp.{i}.agent", f"no agent {name!r}", f"legal: {legal}"
+        elif name in scene.start.off:
+            yield f"start.grasp.{i}.agent", f"{name!r} is also in start.off", "an agent holds or is off"
+        elif name in holding[:i]:
+            yield f"start.grasp.{i}.agent", f"{name!r} appears twice", "one contact per agent"
+    if missing := [name for name in scene.agent_names if name not in (*holding, *scene.start.off)]:
+        yield (
+            "start.grasp",
+            f"says nothing of {', '.join(missing)}",
+            "list it here or in start.off, or write grasp: auto",
+        )
+
+
+def _freedom_problems(scene: Scene) -> Iterator[Problem]:
+    start, goal = scene.start.pose, scene.goal.pose
+    moved = np.abs(goal.p - start.p) > scene.goal.tolerance.position
+    turned = np.abs(2 * multiply(goal.wxyz, conjugate(start.wxyz))[1:]) > scene.goal.tolerance.rotation
+    if sum(freedom.startswith("r") for freedom in scene.freedoms) == 2:
+        turned[:] = False  # turns about two axes make turns about the third
+    changed = [name for name, change in zip(FREEDOMS, (*moved, *turned), strict=True) if change]
+    if frozen := [name for name in changed if name not in scene.freedoms]:
+        yield "goal.pose", f"differs from the start in {', '.join(frozen)}", f"freedoms: {', '.join(scene.freedoms)}"

@@ -1,0 +1,213 @@
+"""The world of a scene: the MuJoCo model, and who in it is agent, object, obstacle and support."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.errors import InputError
+from regrasp.scene import collisions, hands, mjcf, solids
+from regrasp.scene.load import validate
+from regrasp.scene.schema import Environment, Scene
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
+
+
+@dataclass(frozen=True)
+class Agent:
+    """One finger or arm: an open chain of hinges and slides that ends in a tip.
+
+    joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies: those it moves; geoms: its
+    colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed: rad/s or m/s;
+    torque: limit of each joint's drive, N m or N, inf where unlimited; home: joint values at rest; max_force: largest
+    normal force, N; friction: coefficient between tip and object. Arrays are (n,), n the number of joints.
+    """
+
+    name: str
+    tip_geom: int
+    tip_body: int
+    joints: Ids
+    qpos: Ids
+    dofs: Ids
+    bodies: Ids
+    geoms: Ids
+    lower: Array
+    upper: Array
+    speed: Array
+    torque: Array
+    home: Array
+    max_force: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class World:
+    """A scene and its compiled model. All ids and addresses are those of `model`.
+
+    xml, assets: the model as text with the files it needs, so that it outlives its sources. object_qpos: address of the
+    object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind`.
+    static_geoms: colliding geoms that cannot move, supports included; support_geoms, support_friction: in the order of
+    `scene.supports`. collision_pairs: geom ids (n, 2) that must never touch.
+    """
+
+    scene: Scene
+    model: mujoco.MjModel
+    xml: str
+    assets: Mapping[str, bytes]
+    object_body: int
+    object_qpos: int
+    object_geoms: Ids
+    object_kind: int
+    object_size: Array
+    agents: tuple[Agent, ...]
+    static_geoms: Ids
+    support_geoms: Ids
+    support_friction: Array
+    collision_pairs: Ids
+
+    @cached_property
+    def start(self) -> Array:
+        """qpos at the start pose of the object with every agent at home, (nq,)."""
+        qpos = self.model.qpos0.copy()
+        pose = self.scene.start.pose
+        qpos[self.object_qpos : self.object_qpos + 7] = [*pose.p, *pose.wxyz]
+        for agent in self.agents:
+            qpos[agent.qpos] = agent.home
+        return qpos
+
+
+def build(scene: Scene) -> World:
+    """The world of a scene. Raises InputError where the scene asks for what its model does not have."""
+    spec = mujoco.MjSpec()
+    spec.modelname = scene.name
+    spec.compiler.degree = False
+    spec.option.gravity = scene.gravity
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # With these a grip of a few newtons holds without creeping: elliptic cones, friction much stiffer than the normal
+    # direction, and a last pass that removes the remaining slip.
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10
+    spec.option.noslip_iterations = 10
+    hands.attach(spec, scene)
+    for body in scene.environment:
+        _add_environment(spec, body)
+    start = scene.start.pose
+    thing = spec.worldbody.add_body(name="object", pos=start.p, quat=start.wxyz)
+    thing.add_freejoint(name="object")
+    solids.add_geoms(thing, scene.object)
+    # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
+    for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
+        _set_friction(spec.geom(finger.tip), friction)
+    for name, friction in zip(scene.supports, _support_friction(scene), strict=True):
+        _set_friction(spec.geom(name), friction)
+    return _world(scene, mjcf.text(spec), dict(spec.assets))
+
+
+def from_plan(scene: Mapping[str, Any], xml: str, assets: Mapping[str, bytes]) -> World:
+    """The world stored in a plan: the same model and names, without any source file."""
+    return _world(validate(dict(scene)), xml, assets)
+
+
+def _add_environment(spec: mujoco.MjSpec, body: Environment) -> None:
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
+    size = [1.0, 1.0, 0.05] if body.shape == "plane" else [*body.size, 0.0, 0.0][:3]
+    spec.worldbody.add_geom(
+        name=body.name, type=kind, size=size, pos=body.pose.p, quat=body.pose.wxyz, rgba=ENVIRONMENT_COLOUR
+    )
+
+
+def _set_friction(geom: mujoco.MjsGeom, friction: float) -> None:
+    geom.friction = [friction, *geom.friction[1:]]
+    geom.priority = 1
+
+
+def _frictions(scene: Scene) -> list[float]:
+    given = {agent.name: agent.friction for agent in scene.agents}
+    return [given.get(name) or scene.friction for name in scene.agent_names]
+
+
+def _support_friction(scene: Scene) -> list[float]:
+    given = {body.name: body.friction for body in scene.environment}
+    return [given.get(name) or scene.friction for name in scene.supports]
+
+
+def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
+    """The world of a model given as text. It is always compiled from the text, so a stored world is the same one."""
+    model = mujoco.MjModel.from_xml_string(xml, dict(assets))
+    frictions = _frictions(scene)
+    agents = tuple(_agent(scene, model, i, finger, frictions[i]) for i, finger in enumerate(hands.fingers(scene)))
+    colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    static = (model.body_weldid[model.geom_bodyid] == 0) & colliding
+    object_body = model.body("object").id
+    object_geoms = np.flatnonzero(model.geom_bodyid == object_body)
+    supports = np.array([model.geom(name).id for name in scene.supports], dtype=np.int64)
+    tips = np.array([agent.tip_geom for agent in agents], dtype=np.int64)
+    kind, size = solids.kind(scene.object)
+    return World(
+        scene=scene,
+        model=model,
+        xml=xml,
+        assets=assets,
+        object_body=object_body,
+        object_qpos=int(model.joint("object").qposadr[0]),
+        object_geoms=object_geoms,
+        object_kind=kind,
+        object_size=size,
+        agents=agents,
+        static_geoms=np.flatnonzero(static),
+        support_geoms=supports,
+        support_friction=np.array(_support_friction(scene)),
+        collision_pairs=collisions.pairs(model, tips, object_geoms, supports),
+    )
+
+
+def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
+    spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
+    field = f"agents.{index}" if scene.agents else "model"
+    tip = model.geom(finger.tip).id
+    if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
+        raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")
+    chain = [int(model.geom_bodyid[tip])]
+    while model.body_parentid[chain[-1]]:
+        chain.append(int(model.body_parentid[chain[-1]]))
+    joints = np.array(
+        [model.body_jntadr[body] + k for body in reversed(chain) for k in range(model.body_jntnum[body])],
+        dtype=np.int64,
+    )
+    moved = np.isin(model.body_weldid, [body for body in chain if model.body_weldid[body]])
+    limited = model.jnt_limited[joints] != 0
+    driven = model.jnt_actfrclimited[joints] != 0
+    lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
+    upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
+    home = finger.home if finger.home is not None else np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper)
+    if len(home) != len(joints):
+        raise InputError(
+            f"{field}.home", f"{len(home)} values for {len(joints)} joints", "one value per joint, base to tip"
+        )
+    for i in np.flatnonzero((home < lower) | (home > upper)):
+        reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
+        raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
+    return Agent(
+        name=scene.agent_names[index],
+        tip_geom=tip,
+        tip_body=chain[0],
+        joints=joints,
+        qpos=model.jnt_qposadr[joints].astype(np.int64),
+        dofs=model.jnt_dofadr[joints].astype(np.int64),
+        bodies=np.flatnonzero(moved),
+        geoms=np.flatnonzero(moved[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))),
+        lower=lower,
+        upper=upper,
+        speed=np.broadcast_to(finger.speed, len(joints)).copy(),
+        torque=np.where(driven, model.jnt_actfrcrange[joints, 1], np.inf),
+        home=np.array(home, dtype=float),
+        max_force=(spec.max_force if spec else None) or scene.max_force,
+        friction=friction,
+    )

@@ -1,0 +1,185 @@
+"""Contacts and clearances measured with MuJoCo's distances."""
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.plan import NONE, RELOCATE, Plan
+from regrasp.scene.world import World
+from regrasp.verify.findings import Finding, worst
+from regrasp.verify.motion import Motion, fine, unit
+
+Array = NDArray[np.float64]
+
+TOUCH = 1e-4
+"""Contact gap, penetration and distance of a stated contact point from the measured one, m."""
+NORMAL = math.radians(1.0)
+"""Angle between a stated and the measured normal, rad."""
+BACKOFF = 1e-3
+"""Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much (m)
+along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
+FAR = 1e-2
+"""Distances beyond this (m) are not told apart."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Measured contacts of the tips with the object; NaN where an agent is off or relocating."""
+
+    gap: Array
+    """(N, S, k) signed distance tip–object, m."""
+    p_O: Array
+    """(N, S, k, 3) nearest point on the object, in O."""
+    n_O: Array
+    """(N, S, k, 3) outward normal of the object there, in O."""
+
+
+def touching(plan: Plan) -> NDArray[np.bool_]:
+    """(N, k): whether V has the agent in contact over the interval."""
+    return np.asarray(plan.V < RELOCATE)
+
+
+def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
+    """The contact of every agent that V has in contact, at every instant."""
+    N, S = motion.time.shape
+    k = len(world.agents)
+    contacts = Contacts(*(np.full((N, S, k, *shape), np.nan) for shape in ((), (3,), (3,))))
+    data = mujoco.MjData(world.model)
+    n_stated = unit(fine(plan.n_O, motion.K))
+    for j in range(N):
+        agents = [(a, world.agents[a].tip_geom) for a in np.flatnonzero(touching(plan)[j])]
+        for s in range(S):
+            data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
+            R_WO, p_WO = motion.R_WO[j, s], motion.p_WO[j, s]
+            for a, tip in agents:
+                contacts.gap[j, s, a] = _nearest(world.model, data, world.object_geoms, tip)[0]
+                data.geom_xpos[tip] += BACKOFF * (R_WO @ n_stated[j, s, a])
+                _, p_W, n_W = _nearest(world.model, data, world.object_geoms, tip)
+                data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
+                contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
+    return contacts
+
+
+def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
+    """Contact gap over whole intervals; stated contact points and normals at the plan's samples."""
+    who, touch = plan.agent_names, touching(plan)[:, None]
+    at = slice(None, None, motion.K)
+    offset = np.linalg.norm(contacts.p_O[:, at] - plan.p_OC_O, axis=-1)
+    angle = _angle(contacts.n_O[:, at], plan.n_O)
+    length = np.abs(np.linalg.norm(plan.n_O, axis=-1) - 1.0)
+    return [
+        worst("contact gap", "distance between tip and object while in contact", np.abs(contacts.gap), TOUCH, "m",
+              "jsx", motion.time, who, touch),
+        worst("contact point", "stated contact point against the nearest point measured", offset, TOUCH, "m",
+              "jsx", plan.time, who, touch),
+        worst("contact normal", "stated normal against the one measured", angle, NORMAL, "rad",
+              "jsx", plan.time, who, touch),
+        worst("normal length", "length of the stated normal less 1", length, 1e-6, "", "jsx", plan.time, who, touch),
+    ]  # fmt: skip
+
+
+def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
+    """Stated support contacts lie on both surfaces with the stated normal, at every instant of intervals that use them."""
+    if not plan.support_names:
+        return []
+    N, S = motion.time.shape
+    P = len(plan.support_names)
+    offset, angle = np.zeros((N, S, P, 2)), np.zeros((N, S, P, 2))
+    model, probe = _with_probe(world)
+    data = mujoco.MjData(model)
+    points, normals = fine(plan.support_p_O, motion.K), unit(fine(plan.support_n_W, motion.K))
+    used = plan.support_mode != NONE
+    for j, p in zip(*np.nonzero(used), strict=True):
+        bodies = (support_geoms(world, plan.support_names[p]), world.object_geoms)
+        for s in range(S):
+            data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
+            p_W = motion.p_WO[j, s] + motion.R_WO[j, s] @ points[j, s, p]
+            for side, outward in enumerate((normals[j, s, p], -normals[j, s, p])):
+                data.geom_xpos[probe] = p_W + BACKOFF * outward
+                _, nearest, n_W = _nearest(model, data, bodies[side], probe)
+                offset[j, s, p, side] = np.linalg.norm(nearest - p_W)
+                angle[j, s, p, side] = _angle(n_W, outward)
+    length = np.abs(np.linalg.norm(plan.support_n_W, axis=-1) - 1.0)
+    who, where = plan.support_names, used[:, None]
+    return [
+        worst("support point", "stated support contact against the support's and the object's surface",
+              offset.max(axis=-1), TOUCH, "m", "jsx", motion.time, who, where),
+        worst("support normal", "stated support normal against both surfaces", angle.max(axis=-1), NORMAL, "rad",
+              "jsx", motion.time, who, where),
+        worst("support normal length", "length of the stated normal less 1", length, 1e-6, "",
+              "jsx", plan.time, who, where),
+    ]  # fmt: skip
+
+
+def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
+    """Penetration of any pair that must not touch, of tips not in contact with the object, and of object and supports."""
+    model = world.model
+    data = mujoco.MjData(model)
+    supports = [(g, s) for g in world.object_geoms for s in world.support_geoms]
+    always = np.array([*world.collision_pairs, *supports], dtype=int).reshape(-1, 2)
+    depth, pair, when = 0.0, (-1, -1), (0, 0)
+    for j in range(motion.time.shape[0]):
+        free = [agent.tip_geom for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch]
+        pairs = np.array([*always, *((tip, g) for tip in free for g in world.object_geoms)], dtype=int).reshape(-1, 2)
+        near = _near(model, motion.geom_xpos[j], motion.geom_xmat[j], pairs)
+        for s in np.flatnonzero(near.any(axis=1)):
+            data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
+            for a, b in pairs[near[s]]:
+                deep = -mujoco.mj_geomDistance(model, data, a, b, FAR, None)
+                if deep > depth or np.isnan(deep):
+                    depth, pair, when = np.nan_to_num(deep, nan=np.inf), (a, b), (j, int(s))
+    where = (when[0], float(motion.time[when]), " and ".join(_name(model, g) for g in pair)) if pair[0] >= 0 else ()
+    return [Finding("penetration", "depth of any two bodies that must not touch", depth, TOUCH, "m", *where)]
+
+
+def support_geoms(world: World, name: str) -> Sequence[int]:
+    """The geoms of the support `name`."""
+    return [int(world.support_geoms[world.scene.supports.index(name)])]
+
+
+def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int], tip: int) -> tuple[float, Array, Array]:
+    """Distance of `tip` from the union of `geoms`, nearest point on the union, direction from there to the tip."""
+    least, fromto, best = FAR, np.zeros(6), np.full(6, np.nan)
+    for geom in geoms:
+        distance = mujoco.mj_geomDistance(model, data, geom, tip, FAR, fromto)
+        if distance < least:
+            least, best = distance, fromto.copy()
+    return least, best[:3], unit(best[3:] - best[:3])
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angle between vectors (..., 3), rad; accurate for small ones."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1)))
+
+
+def _with_probe(world: World) -> tuple[mujoco.MjModel, int]:
+    """A copy of the model in which the first tip is a small sphere, small enough to find the distance of single points."""
+    model, probe = copy.copy(world.model), world.agents[0].tip_geom
+    model.geom_type[probe] = mujoco.mjtGeom.mjGEOM_SPHERE
+    model.geom_size[probe] = (BACKOFF / 2, 0.0, 0.0)
+    model.geom_rbound[probe] = BACKOFF / 2
+    return model, probe
+
+
+def _near(model: mujoco.MjModel, xpos: Array, xmat: Array, pairs: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """(S, pairs): whether bounding spheres touch (planes: whether the other's sphere reaches below the surface)."""
+    a, b = pairs.T
+    bound = model.geom_rbound
+    plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    apart = xpos[:, a] - xpos[:, b]
+    near = np.einsum("spi,spi->sp", apart, apart) <= (bound[a] + bound[b]) ** 2
+    for p in np.flatnonzero(plane[a] | plane[b]):
+        surface, other = (a[p], b[p]) if plane[a[p]] else (b[p], a[p])
+        height = np.einsum("si,si->s", xpos[:, other] - xpos[:, surface], xmat[:, surface, 2::3])
+        near[:, p] = height <= bound[other]
+    return np.asarray(near)
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    named = model.geom(geom).name
+    return str(named) if named else f"{model.body(model.geom_bodyid[geom]).name} (geom {geom})"
