@@ -20,6 +20,8 @@ from regrasp import __version__
 from regrasp.errors import InputError, RegraspError
 
 DONE, REFUSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+ITERATIONS, TIME_LIMIT = ("local", "annealing", "iterations"), ("time_limit",)
+"""Where in the planner's settings `--iterations` and `--time-limit` belong."""
 JSON = "--json: print one JSON object on stdout instead of text."
 
 Answer = tuple[int, dict[str, Any]]
@@ -85,6 +87,8 @@ def _parse(command: Callable[..., Any], name: str, arguments: list[str]) -> Any:
     try:
         with contextlib.redirect_stderr(complaint):
             return tyro.cli(command, prog=f"regrasp {name}", description=words, args=arguments)
+    except ValueError as error:  # a value of the right type that the settings refuse
+        raise InputError(f"regrasp {name}", str(error), f"see regrasp {name} --help") from None
     except SystemExit as end:
         if not end.code:
             raise
@@ -108,7 +112,8 @@ def _complaint(text: str, name: str) -> tuple[str, str]:
 def _plan(arguments: list[str]) -> Answer:
     import tyro
 
-    from regrasp.planner.method import Settings, plan_scene, settings_of
+    from regrasp.planner.method import Settings, plan_scene
+    from regrasp.planner.settings import read
     from regrasp.scene.load import load
 
     def request(
@@ -129,8 +134,10 @@ def _plan(arguments: list[str]) -> Answer:
             iterations: Annealing iterations on each arc of the route.
             time_limit: Seconds after which the best plan so far is taken; 0: none.
         """
-        limits = {"iterations": iterations, "time_limit": time_limit}
-        return scene, output, seed, dataclasses.replace(planner, **{k: v for k, v in limits.items() if v is not None})
+        for path, value in ((ITERATIONS, iterations), (TIME_LIMIT, time_limit)):
+            if value is not None:
+                planner = _replaced(planner, path, value)
+        return scene, output, seed, planner
 
     def parse(default: Settings) -> tuple[str, Path, int, Settings]:
         request.__defaults__ = (default, 0, None, None)
@@ -140,7 +147,7 @@ def _plan(arguments: list[str]) -> Answer:
     name, output, _, _ = parse(Settings())
     _writable(output)
     scene = load(name)
-    _, _, seed, settings = parse(settings_of(scene))
+    _, _, seed, settings = parse(read(Settings, scene.planner))
     from regrasp.view.progress import Reporter
 
     started = time.perf_counter()
@@ -154,6 +161,13 @@ def _plan(arguments: list[str]) -> Answer:
         return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure)}
     outcome.plan.save(output)
     return DONE, {"plan": str(output), "seconds": seconds, **outcome.plan.summary()}
+
+
+def _replaced(settings: Any, path: Sequence[str], value: object) -> Any:
+    """Nested frozen dataclasses with the field at `path` replaced."""
+    first, *rest = path
+    inner = _replaced(getattr(settings, first), rest, value) if rest else value
+    return dataclasses.replace(settings, **{first: inner})
 
 
 def _show_plan(answer: dict[str, Any]) -> None:

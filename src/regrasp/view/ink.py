@@ -71,7 +71,9 @@ class Ink:
             half = width / 2 + grown
             if length > barb:
                 back = tail - grown * along
-                self._polygon([back + half * across, neck + half * across, neck - half * across, back - half * across], ink)
+                self._polygon(
+                    [back + half * across, neck + half * across, neck - half * across, back - half * across], ink
+                )
             wing, tip = 1.6 * width + 1.6 * grown, head + 2.2 * grown * along
             foot = neck - grown * along
             self._polygon([foot + wing * across, tip, foot - wing * across], ink)
@@ -106,7 +108,9 @@ class Ink:
         self._draw.polygon([(float(x) * SMOOTH, float(y) * SMOOTH) for x, y in corners], fill=colour)
 
 
-def chips(ink: Ink, anchors: Array, centre: Array, radii: Array, words: Sequence[str], colours: Sequence[Colour]) -> None:
+def chips(
+    ink: Ink, anchors: Array, centre: Array, radii: Array, words: Sequence[str], colours: Sequence[Colour]
+) -> None:
     """A labelled chip beside each anchor (n, 2), on the side away from `centre`, pushed apart until none covers another."""
     size, pad = 15.0, np.array([7.0, 4.0])
     extent = np.array([[font(size).getlength(w) + size, size] for w in words]) + 2 * pad
