@@ -1,7 +1,7 @@
 """The command line. Results go to stdout, progress and messages to stderr.
 
-Exit codes: 0 done; 1 ran, but no plan was found, the certificate was refused or a benchmark missed its mark; 2 bad input,
-told in one line; 130 interrupted. Heavy libraries are imported by the command that needs them.
+Exit codes: 0 done; 1 ran, but no plan was found, the certificate was refused or a benchmark missed its mark; 2 bad
+input, told in one line; 130 interrupted. Heavy libraries are imported by the command that needs them.
 """
 
 import contextlib
@@ -175,8 +175,9 @@ def _show_plan(answer: dict[str, Any]) -> None:
         return
     motions = ", ".join(f"{count} {name}" for name, count in answer["motions"].items())
     print(
-        f"{answer['plan']}: {answer['intervals']} intervals, {len(answer['agents'])} agents, {answer['duration']:.3g} s of "
-        f"motion, energy {answer['energy']:.4g}; planned in {answer['seconds']:.2f} s with seed {answer['seed']}\n"
+        f"{answer['plan']}: {answer['intervals']} intervals, {len(answer['agents'])} agents, "
+        f"{answer['duration']:.3g} s of motion, energy {answer['energy']:.4g}; "
+        f"planned in {answer['seconds']:.2f} s with seed {answer['seed']}\n"
         f"contact motions: {motions}"
     )
     for remark in answer["remarks"]:
@@ -285,8 +286,8 @@ def _bench(arguments: list[str]) -> Answer:
         """Read the command line.
 
         Args:
-            name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5). scenes: every built-in
-                scene, planned and checked.
+            name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5).
+                scenes: every built-in scene, planned and checked.
             seeds: How many seeds are run.
         """
         return name, seeds

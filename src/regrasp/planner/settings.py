@@ -1,4 +1,4 @@
-"""Settings from plain data: a scene's `planner` section, or what a plan file remembers, as the frozen dataclasses they name."""
+"""Settings from plain data (a scene's `planner` section) as the frozen dataclasses they name."""
 
 import dataclasses
 import difflib
@@ -16,7 +16,7 @@ WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "
 def read(kind: type[Value], data: Mapping[str, Any], field: str = "planner") -> Value:
     """The dataclass `kind`, its fields (dataclasses too) taken from `data`, defaults where `data` says nothing.
 
-    Raises InputError naming the field (from `field` down) for an unknown key, a wrong type or a value the class refuses.
+    Raises InputError naming the field (from `field` down): an unknown key, a wrong type, a value the class refuses.
     """
     if not isinstance(data, Mapping):
         raise InputError(field, f"is {data!r}", "a mapping of settings")

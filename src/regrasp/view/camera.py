@@ -14,9 +14,10 @@ FIELD = np.radians(16.0)
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole at `eye` (W, m) with axes right, up, forward as the rows of `R` (3, 3), and an image of `width` × `height` px.
+    """A pinhole at `eye` (W, m) with axes right, up, forward as the rows of `R` (3, 3).
 
-    `reach` is the half height of what is seen at unit distance, tan(half the opening angle).
+    Its image has `width` × `height` px; `reach` is the half height of what is seen at unit distance, the tangent of half
+    the opening angle.
     """
 
     eye: Array
@@ -44,7 +45,7 @@ class Camera:
 
 
 def axes(forward: Array) -> Array:
-    """Rows right, up, forward (3, 3) of a camera that looks along `forward` (not vertical) with z upwards in the image."""
+    """Rows right, up, forward (3, 3) of a camera looking along `forward` (not vertical), z upwards in the image."""
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -56,8 +57,8 @@ def direction(azimuth: float, elevation: float) -> Array:
     return -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
 
 
-def fit(forward: Array, centres: Array, radii: Array, width: int, height: int, margin: float = 1.06) -> Camera:
-    """The camera looking along `forward` that shows all spheres (centres (n, 3) in W, radii (n,), m) as large as possible."""
+def fit(forward: Array, centres: Array, radii: Array, width: int, height: int, margin: float = 1.08) -> Camera:
+    """The camera looking along `forward` that shows all spheres (centres (n, 3) in W, radii (n,), m) largest."""
     R = axes(forward)
     reach = float(np.tan(FIELD / 2))
     seen = centres @ R.T

@@ -32,7 +32,8 @@ def choose(plan: Plan, count: int) -> tuple[Instant, ...]:
     news = 4.0 * np.sum(V == RELOCATE, axis=1)
     news[1:] += np.sum(V[1:] != V[:-1], axis=1) + 2.0 * np.sum(supports[1:] != supports[:-1], axis=1)
     between = []
-    for stretch in np.array_split(np.arange(N), count - 2) if count > 2 else []:
+    inner = np.arange(1, N - 1) if N > 2 else np.arange(N)
+    for stretch in np.array_split(inner, count - 2) if count > 2 else []:
         if stretch.size:
             # Among equals the one in the middle, so that frames spread over the motion.
             closeness = -np.abs(stretch - stretch.mean()) / (10 * N)

@@ -1,4 +1,4 @@
-"""Drawing on pictures: smooth lines, arrows, chips of text, the matrix V as a strip. Pixels of the finished image throughout."""
+"""Drawing on pictures: smooth lines, arrows, text on chips. Lengths are pixels of the finished image throughout."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -111,7 +111,7 @@ class Ink:
 def chips(
     ink: Ink, anchors: Array, centre: Array, radii: Array, words: Sequence[str], colours: Sequence[Colour]
 ) -> None:
-    """A labelled chip beside each anchor (n, 2), on the side away from `centre`, pushed apart until none covers another."""
+    """A labelled chip beside each anchor (n, 2), away from `centre`, pushed apart until none covers another."""
     size, pad = 15.0, np.array([7.0, 4.0])
     extent = np.array([[font(size).getlength(w) + size, size] for w in words]) + 2 * pad
     away = anchors - centre
@@ -130,7 +130,7 @@ def chips(
                     place[a, axis] += push * cover[axis] / 2
                     place[b, axis] -= push * cover[axis] / 2
     for at, anchor, whole, word, colour in zip(place, anchors, extent, words, colours, strict=True):
-        ink.line(np.stack([anchor, at]), colour, 1.5)
+        ink.line(np.stack([anchor, at]), GREY, 1.2)
         ink.box(at - whole / 2, at + whole / 2, WHITE, colour, round=6)
         left = at - [whole[0] / 2 - pad[0], 0]
         ink.disc(left + [size / 2 - 3, 0], size / 2 - 2, colour, DARK)

@@ -1,4 +1,4 @@
-"""A plan as one picture: frames side by side as in the paper's Figs. 2 and 4, contact motions marked, forces as arrows."""
+"""A plan as one picture: frames side by side as in the paper's Figs. 2 and 4, with contact motions and forces."""
 
 import copy
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from PIL import Image
 from regrasp.plan import MOTIONS, OFF, RELOCATE, Plan
 from regrasp.scene.world import World, from_plan
 from regrasp.view import strip
-from regrasp.view.camera import Camera, axes, candidates, fit
+from regrasp.view.camera import Camera, candidates, fit
 from regrasp.view.frames import Instant, choose, motion_words, put, put_object
 from regrasp.view.ink import AGENT_FORCE, AGENTS, DARK, GREY, SUPPORT_FORCE, Ink, chips, rgb
-from regrasp.view.shading import BACKGROUND, DRAWN, HIDDEN, OBJECT, Stage, cast, picture, silhouette
+from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, cast, picture, silhouette
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,10 @@ def prepare(plan: Plan, instants: Sequence[Instant]) -> Show:
     model.geom_rgba[:, 3] = 1.0
     model.geom_matid[:] = -1
     data = mujoco.MjData(model)
-    centres, radii = _interest(world, plan, instants, data)
+    forces = np.concatenate([plan.force_W, plan.support_force_W], axis=2)
+    largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
+    scale = LONGEST * _object_radius(world) / largest if largest > 0 else 0.0
+    centres, radii = _interest(world, plan, instants, data, scale)
     middle = (centres.min(axis=0) + centres.max(axis=0)) / 2
     radius = float((np.linalg.norm(centres - middle, axis=1) + radii).max())
     flat = set(world.scene.freedoms) <= {"x", "z", "ry"}
@@ -89,9 +92,7 @@ def prepare(plan: Plan, instants: Sequence[Instant]) -> Show:
         camera = fit(np.array([0.0, 1.0, 0.0]), centres, radii, WIDTH, HEIGHT)
     else:
         camera = _best_camera(stage, world, plan, instants, data, centres, radii)
-    forces = np.concatenate([plan.force_W, plan.support_force_W], axis=2)
-    largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-    return Show(plan, world, stage, camera, LONGEST * _object_radius(world) / largest if largest > 0 else 0.0)
+    return Show(plan, world, stage, camera, scale)
 
 
 def frame(show: Show, instant: Instant) -> Image.Image:
@@ -105,7 +106,7 @@ def frame(show: Show, instant: Instant) -> Image.Image:
     goal = world.scene.goal.pose
     put_object(world, np.concatenate([goal.p, goal.wxyz]), ghost)
     _ghost(image, silhouette(show.stage, ghost, camera))
-    _way(ink, show)
+    _path(ink, show)
     _frame_axes(ink, show, data)
     _relocations(ink, show, instant)
     _forces(ink, show, instant)
@@ -122,8 +123,10 @@ def _object_radius(world: World) -> float:
     return float((np.linalg.norm(world.model.geom_pos[geoms], axis=1) + world.model.geom_rbound[geoms]).max())
 
 
-def _interest(world: World, plan: Plan, instants: Sequence[Instant], data: mujoco.MjData) -> tuple[Array, Array]:
-    """Spheres in W (centres (n, 3), radii (n,)) that a picture must show: object, its goal, and every agent's last body."""
+def _interest(
+    world: World, plan: Plan, instants: Sequence[Instant], data: mujoco.MjData, scale: float
+) -> tuple[Array, Array]:
+    """Spheres in W (centres (n, 3), radii (n,)) a picture must show: object, goal, agents' last bodies, arrows."""
     radius = 1.15 * _object_radius(world)
     centres, radii = [np.array(world.scene.goal.pose.p)], [radius]
     for instant in instants:
@@ -134,6 +137,9 @@ def _interest(world: World, plan: Plan, instants: Sequence[Instant], data: mujoc
             for geom in agent.geoms[world.model.geom_bodyid[agent.geoms] == agent.tip_body]:
                 centres.append(data.geom_xpos[geom].copy())
                 radii.append(float(world.model.geom_rbound[geom]))
+        for head, force, _ in _arrows(plan, instant):
+            centres.append(head - scale * force)
+            radii.append(0.1 * radius)
     return np.array(centres), np.array(radii)
 
 
@@ -182,7 +188,7 @@ def _ghost(image: Array, inside: NDArray[np.bool_]) -> None:
             image[np.minimum(y[drawn] + dy, len(image) - 1), np.minimum(x[drawn] + dx, image.shape[1] - 1)] = 0.35
 
 
-def _way(ink: Ink, show: Show) -> None:
+def _path(ink: Ink, show: Show) -> None:
     points = show.plan.object_position.reshape(-1, 3)
     if np.linalg.norm(points - points[0], axis=1).max() > 0.05 * _object_radius(show.world):
         ink.line(show.camera.project(points), GREY, 2.0)
@@ -195,7 +201,7 @@ def _frame_axes(ink: Ink, show: Show, data: mujoco.MjData) -> None:
     for axis, letter in enumerate("xyz"):
         if R[:, axis] @ show.camera.R[2] > 0.35 or (show.stage.flat and letter == "y"):
             continue
-        reach = 0.55 * radius
+        reach = 0.7 * radius
         start, end = show.camera.project(np.stack([origin, origin + reach * R[:, axis]]))
         if np.linalg.norm(end - start) > 8:
             ink.arrow(start, end, "#555555", 1.6)
@@ -217,8 +223,15 @@ def _relocations(ink: Ink, show: Show, instant: Instant) -> None:
 
 def _forces(ink: Ink, show: Show, instant: Instant) -> None:
     """Every contact force as an arrow whose head is at its contact."""
+    for head, force, colour in _arrows(show.plan, instant):
+        tail, tip = show.camera.project(np.stack([head - show.force_scale * force, head]))
+        ink.arrow(tail, tip, colour)
+
+
+def _arrows(plan: Plan, instant: Instant) -> list[tuple[Array, Array, str]]:
+    """Contact point (W, m), force on the object (W, N) and colour of everything that bears force."""
     at = (instant.interval, instant.sample)
-    plan = show.plan
+    found = []
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, plan.object_quaternion[at])
     for points, forces, colour in (
@@ -227,9 +240,8 @@ def _forces(ink: Ink, show: Show, instant: Instant) -> None:
     ):
         for p_O, f in zip(points, forces, strict=True):
             if np.isfinite(p_O).all() and np.linalg.norm(f) > 0:
-                head = plan.object_position[at] + R.reshape(3, 3) @ p_O
-                tail, tip = show.camera.project(np.stack([head - show.force_scale * f, head]))
-                ink.arrow(tail, tip, colour)
+                found.append((plan.object_position[at] + R.reshape(3, 3) @ p_O, f, colour))
+    return found
 
 
 def _motions(ink: Ink, show: Show, instant: Instant, data: mujoco.MjData) -> None:
@@ -248,8 +260,8 @@ def _title(ink: Ink, show: Show) -> None:
     """Name of the scene, and what the arrows mean, with a force for scale."""
     name = str(show.plan.scene.get("name", ""))
     ink.text(np.array([GAP, TITLE / 2]), name, 19, anchor="lm", bold=True)
-    x, y = ink.size[0] - GAP, TITLE / 2
-    entries = [("object's way", GREY, None), ("goal", DARK, None)]
+    x, y = float(ink.size[0] - GAP), TITLE / 2
+    entries: list[tuple[str, str, float | None]] = [("path of the object", GREY, None), ("goal", DARK, None)]
     if show.force_scale > 0:
         shown = show.force_scale / show.camera.pixel_size(float(np.linalg.norm(show.stage.centre - show.camera.eye)))
         round_force = 10 ** np.floor(np.log10(60 / shown))
@@ -270,6 +282,3 @@ def _title(ink: Ink, show: Show) -> None:
         else:
             ink.line(np.stack([tail, tail + [long, 0.0]]), colour, 2.0, dash=(4, 4) if words == "goal" else None)
         x -= long + 34
-
-
-__all__ = ["Show", "frame", "prepare", "render"]

@@ -1,4 +1,4 @@
-"""Shaded pictures of a MuJoCo model by its own ray caster: no display, no OpenGL, every shape exact, meshes included."""
+"""Shaded pictures of a MuJoCo model by its own ray caster: no display, no OpenGL, every shape exact, meshes too."""
 
 from dataclasses import dataclass
 
@@ -22,9 +22,9 @@ SUBRAYS = 3
 class Stage:
     """What is drawn and how: a model whose geoms are grouped, their colours and line marks, and the light.
 
-    colour (ngeom, 3) in 0…1; marked (ngeom,) whether a geom carries the coordinate lines of its body, which show its
-    turning as the radial lines of the paper's Fig. 2 do; centre (3,) and radius: where the interest is, W, m; flat: seen
-    from the side, without shadows.
+    colour (ngeom, 3) in 0…1; marked (ngeom,) whether a geom carries coordinate lines, which show its turning as the
+    radial lines of the paper's Fig. 2 do: the object those of its frame, a tip those of its own; centre (3,) and
+    radius: where the interest is, W, m; flat: seen from the side, without shadows.
     """
 
     model: mujoco.MjModel
@@ -68,7 +68,7 @@ def shade(stage: Stage, data: mujoco.MjData, camera: Camera, pixels: Array) -> A
     lambert = np.clip(np.sum(n * to_light, axis=1) / far, 0, 1)
     if not stage.flat:
         _, first, _ = cast(stage, data, light, -to_light / far[:, None], (DRAWN, OBJECT))
-        lambert *= np.where(first < far - 2e-3 * stage.radius, 0.25, 1.0)
+        lambert *= np.where(first < far - 2e-3 * stage.radius, 0.35, 1.0)
     facing = np.clip(-np.sum(n * rays[hit], axis=1), 0, 1)
     sky = 0.5 + 0.5 * n[:, 2]
     lit = base * (0.40 + 0.16 * sky + 0.14 * facing + 0.36 * lambert)[:, None]
@@ -83,7 +83,7 @@ def shade(stage: Stage, data: mujoco.MjData, camera: Camera, pixels: Array) -> A
 
 
 def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
-    """The shaded image (height, width, 3) in 0…1 of the model in the state of `data` (after mj_kinematics), edges smoothed."""
+    """The image (height, width, 3) in 0…1 of the model in the state of `data` (after mj_kinematics), edges smoothed."""
     y, x = np.mgrid[0 : camera.height, 0 : camera.width]
     centres = np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
     image = shade(stage, data, camera, centres).reshape(camera.height, camera.width, 3)
@@ -119,7 +119,7 @@ def _light(camera: Camera) -> Array:
 
 
 def _lines(stage: Stage, data: mujoco.MjData, geom: NDArray[np.int32], p: Array, n: Array, half_width: float) -> Array:
-    """How much (n,) of each hit lies on a coordinate line of its body: where x, y or z = 0 cuts a marked surface.
+    """How much (n,) of each hit lies on a coordinate line of its frame: where x, y or z = 0 cuts a marked surface.
 
     The distance to the plane is divided by the slope of the surface against it, so that lines keep their width.
     """
@@ -127,10 +127,11 @@ def _lines(stage: Stage, data: mujoco.MjData, geom: NDArray[np.int32], p: Array,
     for id in np.unique(geom):
         if not stage.marked[id]:
             continue
-        body = stage.model.geom_bodyid[id]
         at = geom == id
-        R, origin = data.xmat[body].reshape(3, 3), data.xpos[body]
-        if stage.model.geom_bodyid[id] != 0 and stage.model.geom_group[id] == DRAWN:
+        if stage.model.geom_group[id] == OBJECT:
+            body = stage.model.geom_bodyid[id]
+            R, origin = data.xmat[body].reshape(3, 3), data.xpos[body]
+        else:
             R, origin = data.geom_xmat[id].reshape(3, 3), data.geom_xpos[id]
         local, slope = (p[at] - origin) @ R, np.sqrt(np.clip(1 - (n[at] @ R) ** 2, 1e-4, 1))
         on[at] = np.clip(1.5 - np.abs(local) / (half_width * slope), 0, 1).max(axis=1)

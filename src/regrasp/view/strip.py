@@ -1,4 +1,4 @@
-"""The matrix V of contact motions as a strip of cells, as in the paper's Fig. 2: agents in rows, intervals in columns."""
+"""The matrix V of contact motions as a strip of cells, as in the paper's Fig. 2: agents in rows."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ def draw(ink: Ink, plan: Plan, instants: Sequence[Instant], colours: Sequence[st
     names = [*plan.agent_names, *_supports(plan)]
     begin = left + 150
     cell = (ink.size[0] - left - begin) / N
-    _legend(ink, begin, top + 10)
+    _legend(ink, begin, top + 10, k < len(names))
     top += 40
     for i, name in enumerate(names):
         y = top + ROW * i
@@ -74,7 +74,7 @@ def _support(ink: Ink, plan: Plan, name: str, j: int, low: Array, high: Array) -
         ink.line(np.array([[low[0] + 2, middle], [high[0] - 2, middle]]), WHITE, 1.5, dash=(3, 3))
 
 
-def _legend(ink: Ink, x: float, y: float) -> None:
+def _legend(ink: Ink, x: float, y: float, supports: bool) -> None:
     for fill, words in (
         (STAY, "stay"),
         (ROLL, "roll about ±x, ±y"),
@@ -83,5 +83,11 @@ def _legend(ink: Ink, x: float, y: float) -> None:
         (FREE, "off"),
     ):
         ink.box(np.array([x, y - 7]), np.array([x + 20, y + 7]), fill, GREY if fill == FREE else None)
+        ink.text(np.array([x + 27, y]), words, 13, anchor="lm")
+        x += 50 + 7.6 * len(words)
+    for sliding, words in ((False, "support sticks"), (True, "support slides")) if supports else ():
+        ink.box(np.array([x, y - 4]), np.array([x + 20, y + 4]), SUPPORT_FORCE)
+        if sliding:
+            ink.line(np.array([[x + 2, y], [x + 18, y]]), WHITE, 1.5, dash=(3, 3))
         ink.text(np.array([x + 27, y]), words, 13, anchor="lm")
         x += 50 + 7.6 * len(words)
