@@ -128,17 +128,25 @@ def _curvature(kind, size, p, x, y):
 
 @njit(cache=True, nogil=True)
 def _solve(pair, p, c, R, x, y, turn_x, turn_y, v_x, v_y):
-    """(status, ṗ_x, ṗ_y) of (S_O + S_T) ṗ = turn + S_T v, all as components on the tangents x, y of the object."""
+    """(status, ṗ_x, ṗ_y, S_O, S_T) of (S_O + S_T) ṗ = turn + S_T v, all on the object's tangents x, y."""
     kind_O, size_O, kind_T, size_T = pair
-    o_xx, o_xy, o_yy = _curvature(kind_O, size_O, p, x, y)
-    t_xx, t_xy, t_yy = _curvature(kind_T, size_T, c, _to_tip(R, x), _to_tip(R, y))
-    xx, xy, yy = o_xx + t_xx, o_xy + t_xy, o_yy + t_yy
+    S_O = _curvature(kind_O, size_O, p, x, y)
+    S_T = _curvature(kind_T, size_T, c, _to_tip(R, x), _to_tip(R, y))
+    xx, xy, yy = S_O[0] + S_T[0], S_O[1] + S_T[1], S_O[2] + S_T[2]
     determinant, trace = xx * yy - xy * xy, xx + yy
     # The smaller eigenvalue is about determinant/trace.
     if not determinant > _SINGULAR * trace * trace:
-        return FLAT, 0.0, 0.0
-    b_x, b_y = turn_x + t_xx * v_x + t_xy * v_y, turn_y + t_xy * v_x + t_yy * v_y
-    return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant
+        return FLAT, 0.0, 0.0, S_O, S_T
+    b_x, b_y = turn_x + S_T[0] * v_x + S_T[1] * v_y, turn_y + S_T[1] * v_x + S_T[2] * v_y
+    return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant, S_O, S_T
+
+
+@njit(cache=True, nogil=True)
+def _chord(S, x, y, d_x, d_y):
+    """The chord under a geodesic arc of length and direction d at its middle, to third order: d − (dᵀSd) Sd/24."""
+    t_x, t_y = S[0] * d_x + S[1] * d_y, S[1] * d_x + S[2] * d_y
+    k = (d_x * t_x + d_y * t_y) / 24.0
+    return _along(x, y, d_x - k * t_x, d_y - k * t_y)
 
 
 @njit(cache=True, nogil=True)
@@ -146,7 +154,7 @@ def _rates(pair, p, c, R, n, x, command):
     """(status, ṗ_O, ċ_T, ω_O) for a motion `command` given on the tangents x and n × x."""
     w_x, w_y, v_x, v_y = command
     y = _cross(n, x)
-    status, p_x, p_y = _solve(pair, p, c, R, x, y, w_y, -w_x, v_x, v_y)
+    status, p_x, p_y, _, _ = _solve(pair, p, c, R, x, y, w_y, -w_x, v_x, v_y)
     return status, _along(x, y, p_x, p_y), _to_tip(R, _along(x, y, p_x - v_x, p_y - v_y)), _along(x, y, w_x, w_y)
 
 
@@ -192,7 +200,7 @@ def _settle(pair, p, c, R):
         if gap < best:
             best, p_from, c_from = gap, p, c
             x, y = frame(n)
-            status, d_x, d_y = _solve(pair, p, c, R, x, y, -dot(x, m), -dot(y, m), 0.0, 0.0)
+            status, d_x, d_y, _, _ = _solve(pair, p, c, R, x, y, -dot(x, m), -dot(y, m), 0.0, 0.0)
             if status != OK:
                 return status, first, p, c, n
             step = _along(x, y, d_x, d_y)
@@ -223,15 +231,19 @@ def _midpoint(pair, command, p, c, R, x, n):
     status, pdot, cdot, w = _rates(pair, p, c, R, n, x, command)
     if status != OK:
         return status, 0.0, p, c, R, x, n
-    p_mid = _plus(p, 0.5, pdot)
+    p_mid, c_mid, R_mid = _plus(p, 0.5, pdot), _plus(c, 0.5, cdot), _turn(_along(w, w, 0.5, 0.0), R)
     n_mid = _unit(field(pair[0], pair[1], p_mid)[1])
-    status, pdot, cdot, w = _rates(
-        pair, p_mid, _plus(c, 0.5, cdot), _turn(_along(w, w, 0.5, 0.0), R), n_mid, _transport(n, n_mid, x), command
-    )
+    x_mid = _transport(n, n_mid, x)
+    y_mid = _cross(n_mid, x_mid)
+    w_x, w_y, v_x, v_y = command
+    status, p_x, p_y, S_O, S_T = _solve(pair, p_mid, c_mid, R_mid, x_mid, y_mid, w_y, -w_x, v_x, v_y)
     if status != OK:
         return status, 0.0, p, c, R, x, n
-    R = _turn(w, R)
-    status, gap, p, c, n_end = _settle(pair, _plus(p, 1.0, pdot), _plus(c, 1.0, cdot), R)
+    # Chords instead of arcs: between surfaces of constant curvature the step is exact.
+    p = _plus(p, 1.0, _chord(S_O, x_mid, y_mid, p_x, p_y))
+    c = _plus(c, 1.0, _to_tip(R_mid, _chord(S_T, x_mid, y_mid, p_x - v_x, p_y - v_y)))
+    R = _turn(_along(x_mid, y_mid, w_x, w_y), R)
+    status, gap, p, c, n_end = _settle(pair, p, c, R)
     return status, gap, p, c, R, _transport(n, n_end, x), n_end
 
 

@@ -47,14 +47,14 @@ def _nearest2(a: Vector, w: Vector) -> tuple[Vector, bool]:
 def _nearest3(a: Vector, b: Vector, w: Vector) -> tuple[Vector, bool, bool]:
     """Point of the triangle a b w nearest to the origin among those with a share of w, and whether a, b are needed."""
     e, f = _sub(a, w), _sub(b, w)
-    ee, ef, ff = _dot(e, e), _dot(e, f), _dot(f, f)
-    det = ee * ff - ef * ef
-    # Coordinates from w, the newest point: no differences of large numbers where the triangle is small and far away.
-    if det > 1e-15 * ee * ff:
-        r, s = -_dot(w, e), -_dot(w, f)
-        x, y = (ff * r - ef * s) / det, (ee * s - ef * r) / det
-        if x > 0.0 and y > 0.0 and x + y < 1.0:
-            return (w[0] + x * e[0] + y * f[0], w[1] + x * e[1] + y * f[1], w[2] + x * e[2] + y * f[2]), True, True
+    n = _cross(e, f)
+    nn = _dot(n, n)
+    # Cross products, not the Gram matrix: triangles are slivers near smooth contacts, and a square loses them.
+    if nn > 1e-26 * _dot(e, e) * _dot(f, f):
+        x, y = _dot(_cross(f, w), n), _dot(_cross(w, e), n)
+        if x > 0.0 and y > 0.0 and x + y < nn:
+            h = _dot(w, n) / nn
+            return (h * n[0], h * n[1], h * n[2]), True, True
     p, with_a = _nearest2(a, w)
     q, with_b = _nearest2(b, w)
     if _dot(p, p) <= _dot(q, q):
@@ -83,17 +83,32 @@ def _minkowski(
 
 @njit(cache=True, nogil=True)
 def _depth(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, depth: float
-) -> float:
-    """Least shift, at most `depth`, along an axis of either body that parts overlapping cores: ≥ the true depth."""
-    for i in range(3):
-        for R in (R_A, R_B):
-            u = (R[0, i], R[1, i], R[2, i])
-            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
-            depth = min(depth, _dot(u, w))
-            u = (-u[0], -u[1], -u[2])
-            w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
-            depth = min(depth, _dot(u, w))
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector,
+    simplex: tuple[Vector, Vector, Vector, Vector], depth: float,
+) -> float:  # fmt: skip
+    """Least shift, at most `depth`, that parts overlapping cores along an axis of either or a normal of a simplex.
+
+    Every direction gives an upper bound of the depth; GJK's last simplex knows the one that matters in shallow overlaps.
+    """
+    a, b, c, w = simplex
+    for i in range(10):
+        if i < 3:
+            u = (R_A[0, i], R_A[1, i], R_A[2, i])
+        elif i < 6:
+            u = (R_B[0, i - 3], R_B[1, i - 3], R_B[2, i - 3])
+        elif i == 6:
+            u = _cross(_sub(a, w), _sub(b, w))
+        elif i == 7:
+            u = _cross(_sub(b, w), _sub(c, w))
+        elif i == 8:
+            u = _cross(_sub(c, w), _sub(a, w))
+        else:
+            u = _cross(_sub(a, c), _sub(b, c))
+        length = math.sqrt(_dot(u, u))
+        if length > 0.0:
+            back = (-u[0], -u[1], -u[2])
+            depth = min(depth, _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)) / length)
+            depth = min(depth, _dot(back, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, back)) / length)
     return max(depth, 0.0)
 
 
@@ -106,14 +121,14 @@ def gap(
     Returns early, with a lower bound of the distance, as soon as one exceeds limit.
     """
     o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
-    v = o  # the difference of the centres lies in D
-    lower, upper = -math.inf, math.sqrt(_dot(v, v))
-    if upper <= TOUCH:
-        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, math.inf)
+    v, length = o, math.sqrt(_dot(o, o))
+    if length <= TOUCH:
+        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (o, o, o, o), math.inf)
+    lower, upper = -math.inf, math.inf
     a, b, c, count = v, v, v, 0
     for _ in range(ITERATIONS):
         w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-v[0], -v[1], -v[2]))
-        lower = max(lower, _dot(v, w) / upper)
+        lower = max(lower, _dot(v, w) / length)
         if lower > limit:
             return lower
         if upper - lower <= BRACKET:
@@ -174,4 +189,4 @@ def gap(
         v, upper = u, length
     else:
         return upper
-    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, -lower)
+    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (a, b, c, w), -lower)

@@ -96,7 +96,9 @@ def bend(kind, size, p, F, g, u):
     if kind == CAPSULE and abs(p[2]) <= size[1]:
         u_z = 0.0
     elif kind == BOX:
-        u_x, u_y, u_z = u_x if g[0] != 0.0 else 0.0, u_y if g[1] != 0.0 else 0.0, u_z if g[2] != 0.0 else 0.0
+        u_x = u_x if g[0] != 0.0 or size[0] <= rounding else 0.0
+        u_y = u_y if g[1] != 0.0 or size[1] <= rounding else 0.0
+        u_z = u_z if g[2] != 0.0 or size[2] <= rounding else 0.0
     along = g[0] * u_x + g[1] * u_y + g[2] * u_z
     return k * (u_x - along * g[0]), k * (u_y - along * g[1]), k * (u_z - along * g[2])
 
@@ -104,13 +106,16 @@ def bend(kind, size, p, F, g, u):
 @njit(cache=True, nogil=True)
 def _bend_cylinder(size, p, F, g, u):
     rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
+    thin, low = size[0] <= size[3], size[1] <= size[3]  # the core is a segment, a disc, or a point
     if rho == 0.0:
-        return 0.0, 0.0, 0.0
+        k = 1.0 / (F + size[3]) if thin and F + size[3] > 0.0 else 0.0
+        return k * u[0], k * u[1], 0.0
     x, y = p[0] / rho, p[1] / rho
     g_r, g_z = g[0] * x + g[1] * y, g[2]
     around = g_r / rho * (x * u[1] - y * u[0])
     h_x, h_y, h_z = -around * y, around * x, 0.0
-    if g_r != 0.0 and g_z != 0.0:  # on the rim the meridian bends too, along (g_z, −g_r) in the (ρ, z) half plane
+    if F + size[3] > 0.0 and (g_r != 0.0 or thin) and (g_z != 0.0 or low):
+        # On the rim the meridian bends too, along (g_z, −g_r) in the (ρ, z) half plane.
         meridian = (g_z * (x * u[0] + y * u[1]) - g_r * u[2]) / (F + size[3])
         h_x, h_y, h_z = h_x + meridian * g_z * x, h_y + meridian * g_z * y, -meridian * g_r
     return h_x, h_y, h_z
@@ -173,14 +178,15 @@ def _project_ellipsoid(size, p, foot, n):
     shortest = size[k] * size[k]
     low = 0.0
     for i in range(3):
-        low = max(low, shortest - size[i] * size[i] + size[i] * abs(p[i]))  # q_i ≤ 1 for every i at the root
+        foot[i] = p[i] if abs(p[i]) > 1e-200 else 0.0  # below, 1/s overflows
+        low = max(low, shortest - size[i] * size[i] + size[i] * abs(foot[i]))  # q_i ≤ 1 for every i at the root
     s = max(shortest, low)
     for _ in range(64):
         q2, slope = 0.0, 0.0
         for i in range(3):
-            if p[i] != 0.0:
+            if foot[i] != 0.0:
                 w = 1.0 / (s + (size[i] * size[i] - shortest))
-                q = size[i] * p[i] * w
+                q = size[i] * foot[i] * w
                 q2 += q * q
                 slope += q * q * w
         if slope == 0.0:  # the centre
@@ -193,7 +199,7 @@ def _project_ellipsoid(size, p, foot, n):
             break
     for i in range(3):
         d = s + (size[i] * size[i] - shortest)
-        foot[i] = size[i] * size[i] * p[i] / d if d > 0.0 else 0.0
+        foot[i] = size[i] * size[i] * foot[i] / d if d > 0.0 else 0.0
     rest = 0.0
     for i in range(3):
         rest += (foot[i] / size[i]) ** 2
@@ -248,7 +254,7 @@ def sample(kind: int, size: Array, count: int) -> tuple[Array, Array]:
         points = _sample_ellipsoid(size, count)
     else:
         points = _sample_revolution(kind, size, count)
-    normals = np.empty_like(points)
+    normals: Array = np.empty((count, 3))
     for point, normal in zip(points, normals, strict=True):
         project(kind, size, point, point, normal)
     return points, normals
@@ -304,7 +310,7 @@ def _sample_box(size: Array, count: int) -> Array:
     signs = [np.array(s, dtype=np.float64) for s in itertools.product((-1, 0, 1), repeat=3) if any(s)]
     # A face, edge or corner is that of the core box, carried out along a segment, an arc or an octant of radius e.
     spread = {1: 1.0, 2: e * math.pi / 2.0, 3: e * e * math.pi / 2.0}
-    areas = np.array([spread[np.count_nonzero(s)] * np.prod(2.0 * core[s == 0.0]) for s in signs])
+    areas = np.array([spread[int(np.count_nonzero(s))] * np.prod(2.0 * core[s == 0.0]) for s in signs])
     ends = np.rint(np.cumsum(areas) / areas.sum() * count).astype(int)
     patches = []
     for s, patch_count in zip(signs, np.diff(ends, prepend=0), strict=True):
@@ -314,7 +320,7 @@ def _sample_box(size: Array, count: int) -> Array:
             1: [np.ones(patch_count)],
             2: [np.cos(turn), np.sin(turn)],
             3: [rise * np.cos(turn), rise * np.sin(turn), u],
-        }[np.count_nonzero(s)]
+        }[int(np.count_nonzero(s))]
         points = np.empty((patch_count, 3))
         points[:, s != 0.0] = s[s != 0.0] * (core[s != 0.0] + e * np.stack(outward, axis=1))
         points[:, s == 0.0] = core[s == 0.0] * (2.0 * np.stack((u, v), axis=1)[:, : np.count_nonzero(s == 0.0)] - 1.0)

@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward, jacobian
-from regrasp.kernels.contact import WORK, advance
+from regrasp.kernels.contact import advance
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
@@ -93,7 +93,7 @@ def short_step(
             w[a] += turn[a]
             p_W[a] += r[a]
         jacobian(hand.chains, i, R_WL, p_WL, p_W, J)
-        rates(hand.chains, i, J, v, w, dq, got)
+        rates(J, v, w, dq, got)
         if stage == 0:
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]

@@ -16,7 +16,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import Scan, candidate_free, stays_in_reach, touch_down
+from regrasp.planner.relocation import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
 from regrasp.planner.state import State, empty_state
 from regrasp.scene.schema import Contact
 
@@ -125,11 +125,12 @@ def given_grasp(
 @njit(cache=True, nogil=True)
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, state: State, terms: Terms, agents: NDArray[np.int64],
-    choice: NDArray[np.int64], margin: float, lost: Array, lp: Program,
+    choice: NDArray[np.int64], margin: float, kept: Array, ahead: Array, lp: Program,
 ) -> float:  # fmt: skip
-    """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what reach is lost.
+    """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
-    inf without equilibrium or where two agents collide.
+    kept (agents, C): part of the path on which each can keep its contact; ahead (agents, C, LOOKS + 1, n_max): its joints
+    there. inf without equilibrium or where two agents collide at the start.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int8)
@@ -140,7 +141,7 @@ def grasp_cost(
         bears[i] = 1
         p[i] = scan.p_O[choice[a]]
         normal[i] = scan.n_O[choice[a]]
-        cost += terms.outlook * lost[a, choice[a]]
+        cost += terms.outlook * (1.0 - kept[a, choice[a]])
     held, value, _ = balance(hand, path, 0, 0, bears, codes, p, normal, t, margin, lp)
     if not held:
         return np.inf
@@ -150,17 +151,20 @@ def grasp_cost(
         cost += 2.0 * terms.outlook
     else:
         cost += value
-    R_WG, p_WG = state.R_WG[0].copy(), state.p_WG[0].copy()
-    for a in range(len(agents)):
-        i = agents[a]
-        n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-        forward(hand.chains, i, scan.q[i, 0, choice[a], :n_a], R_WL, p_WL)
-        place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
-    for a in range(k):
-        for c in range(a + 1, k):
-            if block_hit(hand, a, c, R_WG, p_WG, terms.clearance):
-                return np.inf
+    for look in range(LOOKS + 1):
+        R_WG, p_WG = state.R_WG[0].copy(), state.p_WG[0].copy()
+        for a in range(len(agents)):
+            i = agents[a]
+            n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+            R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+            forward(hand.chains, i, ahead[a, choice[a], look, :n_a], R_WL, p_WL)
+            place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+        for a in range(k):
+            for c in range(a + 1, k):
+                if block_hit(hand, a, c, R_WG, p_WG, terms.clearance):
+                    if look == 0:
+                        return np.inf
+                    cost += terms.outlook / LOOKS
     return cost
 
 
@@ -176,7 +180,8 @@ def find_grasp(
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     lp.cap[:] = hand.cap
     count = len(scan.p_O)
-    lost = np.zeros((len(agents), count))
+    kept = np.zeros((len(agents), count))
+    ahead = np.zeros((len(agents), count, LOOKS + 1, scan.q.shape[3]))
     legal = []
     for a, i in enumerate(agents):
         free = [c for c in range(count) if candidate_free(hand, path, scan, state, 0, i, c, terms.clearance)]
@@ -186,7 +191,14 @@ def find_grasp(
                 "move the object nearer to its base, or list the agent in start.off",
             )  # fmt: skip
         for c in free:
-            lost[a, c] = 1.0 - stays_in_reach(hand, path, scan, state, 0, i, c, terms.clearance)
+            kept[a, c] = outlook_of(hand, path, scan, state, 0, i, c, terms.clearance)
+            p_TC, R_OT = np.empty(3), np.empty((3, 3))
+            touch(hand, path, scan, 0, i, c, p_TC, R_OT)
+            joints = np.zeros((LOOKS + 1, hand.chains.start[i + 1] - hand.chains.start[i]))
+            joints[0] = scan.q[i, 0, c, : joints.shape[1]]
+            reached = hold_on(hand, path, 0, i, scan.p_O[c], p_TC, R_OT, joints)
+            joints[reached + 1 :] = joints[reached]
+            ahead[a, c, :, : joints.shape[1]] = joints
         legal.append(np.array(free))
     for i in off:
         if any(block_hit(hand, i, c, state.R_WG[0], state.p_WG[0], 0.0) for c in (k, k + 1)) or tip_hit(
@@ -199,7 +211,7 @@ def find_grasp(
     while improved < settings.restarts and tries < 200 * settings.restarts:
         tries += 1
         choice = np.array([rng.choice(free) for free in legal])
-        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, 1.0 - settings.friction_use, lost, lp)
+        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, 1.0 - settings.friction_use, kept, ahead, lp)
         if cost == np.inf:
             continue
         improved += 1
@@ -211,7 +223,7 @@ def find_grasp(
                     trial = choice.copy()
                     trial[a] = c
                     value = grasp_cost(
-                        hand, path, scan, state, terms, agents, trial, 1.0 - settings.friction_use, lost, lp
+                        hand, path, scan, state, terms, agents, trial, 1.0 - settings.friction_use, kept, ahead, lp
                     )
                     if value < cost - 1e-9:
                         cost, choice, changed = value, trial, True

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from regrasp.errors import InputError
 from regrasp.kernels.chains import Chains
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
-from regrasp.kernels.support import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.contact import WORK, advance
+from regrasp.kernels.contact import advance
 from regrasp.kernels.forces import contact_forces
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance, is_sliding, slide_direction
@@ -62,7 +62,6 @@ def trace_contact(
     y, foot = np.empty(3), np.empty(3)
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-    work = np.empty((WORK, 3))
     step = command / m
     project(hand.kind_O, hand.size_O, p_OC[0], foot, n_O[0])
     tangents(n_O[0], x_O[0], y)
@@ -72,7 +71,7 @@ def trace_contact(
         if is_full(hand, i):
             advance(
                 hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, 1,
-                p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], work,
+                p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
             )  # fmt: skip
             if not reach_tip(
                 hand, path, j, s + 1, i, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL

@@ -8,13 +8,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.inverse import inverse_point
+from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.forces import Program
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, sample
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
-from regrasp.planner.follow import REACHED
+from regrasp.planner.follow import REACHED, is_full, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY
 from regrasp.planner.path import Path
@@ -22,6 +22,7 @@ from regrasp.planner.state import State
 
 Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
+LOOKS = 4  # poses on the coming way at which a candidate is tried
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 
 
@@ -34,7 +35,7 @@ class Relocation:
     losing reach on the coming way, against the sum of forces in weights.
     """
 
-    candidates: int = 160
+    candidates: int = 120
     lift: float = 0.35
     tries: int = 3
     outlook: float = 3.0
@@ -43,13 +44,16 @@ class Relocation:
 class Scan(NamedTuple):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
-    status (k, n + 1, C): UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; q (k, n + 1, C, n_max).
+    Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction
+    at rest. status (k, n + 1, C): UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; q (k, n + 1, C, n_max);
+    kept (k, n + 1, C): part of the coming way on which the contact can be kept, −1 unknown.
     """
 
     p_O: Array
     n_O: Array
     status: NDArray[np.int8]
     q: Array
+    kept: Array
 
 
 def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
@@ -57,7 +61,11 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     p_O, n_O = sample(hand.kind_O, hand.size_O, settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints = int(np.max(np.diff(hand.chains.start)))
-    return Scan(p_O, n_O, np.zeros((k, n + 1, len(p_O)), np.int8), np.zeros((k, n + 1, len(p_O), joints)))
+    shape = (k, n + 1, 2 * len(p_O))
+    return Scan(
+        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, joints)),
+        np.full(shape, -1.0),
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -112,7 +120,17 @@ def candidate_free(
         return False
     q = hand.home[first:last].copy()
     R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-    if not touch_down(hand, i, R_WO, p_WO, scan.p_O[c], scan.n_O[c], 0.0, -scan.n_O[c], q, R_WL, p_WL):
+    a_O = -scan.n_O[c]
+    if 2 * c >= len(scan.p_O):
+        forward(hand.chains, i, q, R_WL, p_WL)
+        tool_direction(hand, i, R_WO, R_WL, p)
+        for x in range(3):
+            a_O[x] += p[x]
+        length = np.sqrt(np.sum(a_O * a_O))
+        if length < 0.5:
+            return False
+        a_O /= length
+    if not touch_down(hand, i, R_WO, p_WO, scan.p_O[c], scan.n_O[c], 0.0, a_O, q, R_WL, p_WL):
         return False
     R_WG, p_WG = state.R_WG[j].copy(), state.p_WG[j].copy()
     place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
@@ -128,16 +146,79 @@ def candidate_free(
 
 
 @njit(cache=True, nogil=True)
-def stays_in_reach(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c: int, clearance: float) -> float:
-    """Part of the coming way, seen at four poses, on which agent i can reach candidate c (1 at the end of the way)."""
+def look_ahead(n: int, j: int, look: int) -> int:
+    """Configuration of look 1 … LOOKS on the way from configuration j to n."""
+    return j + (look * (n - j) + LOOKS - 1) // LOOKS
+
+
+@njit(cache=True, nogil=True)
+def hold_on(hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, q: Array) -> int:
+    """How many looks ahead from configuration j agent i can keep a contact without moving it.
+
+    q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out. An agent of fewer than six joints keeps the
+    point only; its tip turns as it must.
+    """
     n = path.R_WO.shape[0]
-    if j >= n:
-        return 1.0
-    for look in range(1, 5):
-        ahead = j + (look * (n - j) + 3) // 4
-        if not candidate_free(hand, path, scan, state, ahead, i, c, clearance):
-            return (look - 1) / 4.0
-    return 1.0
+    n_a = q.shape[1]
+    R_WL, p_WL, R_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty((3, 3))
+    p_WT, a = np.empty(3), np.empty(3)
+    for look in range(1, LOOKS + 1):
+        R_WO, p_WO = pose_at(path, look_ahead(n, j, look))
+        tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
+        q[look] = q[look - 1]
+        if is_full(hand, i):
+            residual, _ = inverse(hand.chains, i, R_WT, p_WT, q[look], R_WL, p_WL)
+        else:
+            rotate(R_WT, hand.axis_T[i], a)
+            residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a, q[look], R_WL, p_WL)
+        if residual > REACHED:
+            return look - 1
+    return LOOKS
+
+
+@njit(cache=True, nogil=True)
+def outlook_of(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c: int, clearance: float) -> float:
+    """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object."""
+    n, k = path.R_WO.shape[0], len(hand.tip_geom)
+    if scan.kept[i, j, c] >= 0.0:
+        return scan.kept[i, j, c]
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    q = np.zeros((LOOKS + 1, n_a))
+    q[0] = scan.q[i, j, c, :n_a]
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    R_WG, p_WG = state.R_WG[j].copy(), state.p_WG[j].copy()
+    p_TC, R_OT = np.empty(3), np.empty((3, 3))
+    touch(hand, path, scan, j, i, c, p_TC, R_OT)
+    kept = 0 if j < n else LOOKS
+    if j < n:
+        reached = hold_on(hand, path, j, i, scan.p_O[c], p_TC, R_OT, q)
+        while kept < reached:
+            forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
+            place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+            ahead = look_ahead(n, j, kept + 1)
+            R_WG[hand.object_geom], p_WG[hand.object_geom] = state.R_WG[ahead, hand.object_geom], state.p_WG[ahead, hand.object_geom]
+            if (
+                block_hit(hand, i, i, R_WG, p_WG, 0.0)
+                or block_hit(hand, i, k, R_WG, p_WG, clearance)
+                or block_hit(hand, i, k + 1, R_WG, p_WG, clearance)
+            ):
+                break
+            kept += 1
+    scan.kept[i, j, c] = kept / LOOKS
+    return kept / LOOKS
+
+
+@njit(cache=True, nogil=True)
+def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
+    """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    R_WO, _ = pose_at(path, j)
+    forward(hand.chains, i, scan.q[i, j, c, :n_a], R_WL, p_WL)
+    multiply_back(R_WO, R_WL[n_a], R_OT)
+    rotate_back(R_OT, scan.n_O[c], p_TC)
+    for a in range(3):
+        p_TC[a] *= -hand.size_T[i, 0]
 
 
 @njit(cache=True, nogil=True)
@@ -170,7 +251,7 @@ def scan_contacts(
         n[i] = scan.n_O[c]
         held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
         if held:
-            lost = 1.0 - stays_in_reach(hand, path, scan, state, j + 1, i, c, clearance)
+            lost = 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance)
             score[c] = value + outlook * lost
 
 
@@ -333,16 +414,11 @@ def relocate(
 def stand_on(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c: int) -> None:
     """Put agent i onto candidate c in configuration j of the state."""
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
-    R_WO, _ = pose_at(path, j)
     R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-    n = np.empty(3)
     for a in range(first, last):
         state.q[j, a] = scan.q[i, j, c, a - first]
     forward(hand.chains, i, state.q[j, first:last], R_WL, p_WL)
     place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[j], state.p_WG[j])
-    multiply_back(R_WO, R_WL[last - first], state.R_OT[j, i])
-    rotate_back(state.R_OT[j, i], scan.n_O[c], n)
-    for a in range(3):
-        state.p_OC[j, i, a] = scan.p_O[c, a]
-        state.p_TC[j, i, a] = -hand.size_T[i, 0] * n[a]
+    touch(hand, path, scan, j, i, c, state.p_TC[j, i], state.R_OT[j, i])
+    state.p_OC[j, i] = scan.p_O[c]
     state.holds[j, i] = 1

@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 # Names of a user's model are kept apart from those of the scene by this prefix.
 PREFIX = "robot/"
 
-# A Puma finger at rest: upper arm outwards, forearm inwards, the tool level; joint 1 turns it towards the hand's axis.
-PUMA_HOME = np.radians([0.0, 125.0, -145.0, 0.0, -70.0, 0.0])
-PLANAR_HOME = np.radians([40.0, -60.0, -60.0])
+# A Puma finger at rest: upper arm raised, forearm down, the tool level; joint 1 turns it towards the hand's axis.
+PUMA_HOME = np.radians([0.0, 40.0, -190.0, 0.0, 60.0, 0.0])
+PLANAR_HOME = np.radians([60.0, -120.0, 30.0])
 
 # A user's model says nothing of speed.
 SPEED = 2.0  # rad/s or m/s
@@ -154,7 +154,9 @@ def _chain_joints(robot: mujoco.MjSpec, scene: Scene) -> list[mujoco.MjsJoint]:
                 if joint.type == mujoco.mjtJoint.mjJNT_BALL:
                     raise InputError(field, f"joint {joint.name!r} before it is a ball", "hinges and slides only")
                 if (other := owner.setdefault(joint.id, agent.name)) != agent.name:
-                    raise InputError(field, f"shares joint {joint.name!r} with {other}", "each agent has its own joints")
+                    raise InputError(
+                        field, f"shares joint {joint.name!r} with {other}", "each agent has its own joints"
+                    )
                 joints.append(joint)
             body = body.parent
         if len(joints) == before:
@@ -168,7 +170,9 @@ def _tip(robot: mujoco.MjSpec, field: str, name: str) -> mujoco.MjsGeom:
     if geom is not None:
         return geom
     if body is None:
-        names = [geom.name for geom in robot.geoms if geom.name] or [body.name for body in robot.bodies[1:] if body.name]
+        names = [geom.name for geom in robot.geoms if geom.name] or [
+            body.name for body in robot.bodies[1:] if body.name
+        ]
         raise InputError(field, f"no geom or body {name!r} in the model", f"legal: {', '.join(names)}")
     solid = [geom for geom in body.geoms if geom.contype or geom.conaffinity]
     if len(solid) != 1 or solid[0].name:

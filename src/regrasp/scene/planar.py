@@ -8,8 +8,7 @@ import numpy as np
 
 from regrasp.scene.parts import capsule, hinge, tip
 
-# The first hinge turns freely to both sides of its zero direction; the others fold nearly back on their link.
-LIMIT = np.array([math.radians(150.0), math.radians(150.0), math.radians(150.0)])
+LIMIT = math.radians(150.0)  # to both sides: a link folds nearly back on the one before
 SPEED = np.array([2.0, 3.0, 4.0])  # rad/s
 ARMATURE = 1e-4  # kg m², a small geared motor
 DAMPING = 1e-2  # N m s/rad
@@ -24,7 +23,7 @@ def attach(base: mujoco.MjsBody, name: str, links: Sequence[float], link_radius:
     body, before = base, 0.0
     for i, length in enumerate(links):
         body = body.add_body(name=f"{name}/link{i + 1}", pos=[before, 0, 0])
-        hinge(body, f"{name}/joint{i + 1}", np.array([0.0, -1.0, 0.0]), -LIMIT[i], LIMIT[i], ARMATURE, DAMPING)
+        hinge(body, f"{name}/joint{i + 1}", np.array([0.0, -1.0, 0.0]), -LIMIT, LIMIT, ARMATURE, DAMPING)
         capsule(body, f"{name}/link{i + 1}", np.zeros(3), np.array([length, 0.0, 0.0]), link_radius)
         before = length
     tip(body, f"{name}/tip", np.array([before, 0.0, 0.0]), tip_radius)

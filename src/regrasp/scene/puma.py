@@ -68,12 +68,14 @@ MOTOR_INERTIA = np.array([200e-6, 200e-6, 200e-6, 33e-6, 33e-6, 33e-6])
 MOTOR_FRICTION = np.array([1.48e-3, 0.817e-3, 1.38e-3, 71.2e-6, 82.6e-6, 36.7e-6])
 GEAR = np.array([62.6111, 107.815, 53.7063, 76.0364, 71.923, 76.686])
 
-# Sizes the tables do not give, m at full scale: the height of frame 0 over the base, the radii of the capsules that
-# stand for the links, and the tool with its spherical tip.
-HEIGHT = 0.15
+# m, from the mounting surface to frame 0, as in Corke's Robotics Toolbox.
+HEIGHT = 0.672
+
+# Sizes no source gives, m at full scale: the radii of the capsules that stand for the links, and the tool with its
+# spherical tip, long enough for a fingertip to reach round an object without its wrist coming near.
 LINK_RADIUS = 0.05
 TOOL_RADIUS = 0.03
-TOOL_LENGTH = 0.2
+TOOL_LENGTH = 0.3
 TIP_RADIUS = 0.045
 
 

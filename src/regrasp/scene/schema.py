@@ -80,8 +80,8 @@ class PumaHand(Strict):
 
     hand: Literal["puma"]
     fingers: Annotated[int, Field(ge=1, le=12)] = 3
-    scale: Scale = 0.25
-    ring: Length = 0.14
+    scale: Scale = 0.3
+    ring: Length = 0.33
     palm: Annotated[bool, Field(description="whether a solid disc closes the ring")] = True
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
     tip_radius: Length | None = None

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 LARGEST = 1e6
 """No length, angle, time or force in a plan is larger than this (SI): what is, is garbage."""
+UNIT = 1e-6
+"""Length of a stated unit vector or quaternion less 1."""
 SAME = 1e-9
 """Difference between what should be the same number twice (m, rad, s), relative or absolute."""
 START = 1e-6
@@ -49,6 +51,8 @@ def number_findings(plan: Plan) -> list[Finding]:
     illegal += int(np.sum(order[1:-1] // 2 != 0)) + int(order[0] != 1) + int(order[-1] != 1)
     illegal += int(np.sum((plan.energy_segment < 0) | (plan.energy_segment >= arcs)))
     idle = int(np.sum(~touching(plan)[..., None] & (np.abs(plan.twist) > 0.0)))
+    quaternions = np.concatenate([plan.object_quaternion.reshape(-1, 4), plan.route[:, 3:]])
+    length = np.abs(np.linalg.norm(quaternions, axis=-1) - 1.0)
     backwards = int(np.sum(~(np.diff(plan.time, axis=1) > 0.0)))
     return [
         Finding("finite", f"numbers that are not finite or beyond {LARGEST:g}", wild, 0.0, ""),
@@ -56,6 +60,7 @@ def number_findings(plan: Plan) -> list[Finding]:
         Finding("codes", "codes that mean nothing, segments out of order", illegal, 0.0, ""),
         Finding("idle twist", "stated relative motion of agents that are off or relocating", idle, 0.0, ""),
         Finding("time order", "samples not later than the one before", backwards, 0.0, ""),
+        worst("quaternions", "length of a quaternion less 1", length, UNIT, "", "x", who=[""] * len(length)),
     ]
 
 
@@ -110,12 +115,10 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
                            for key in ("lower", "upper", "speed"))  # fmt: skip
     beyond = np.maximum(0.0, np.maximum(lower - motion.joints, motion.joints - upper))
     stride = np.linalg.norm(np.diff(motion.geom_xpos, axis=1), axis=-1).max(axis=-1)
-    length = np.abs(np.linalg.norm(plan.object_quaternion, axis=-1) - 1.0)
     who = plan.joint_names
     return [
         worst("continuity", "jump of time, joints or object from one interval to the next", np.max(jumps, axis=0), SAME,
               "s, rad or m", "j"),
-        worst("quaternion", "length of the object's quaternion less 1", length, 1e-6, "", "js", plan.time),
         worst("joint range", "joint beyond its range", beyond, LIMIT, "rad or m", "jsx", motion.time, who),
         worst("joint speed", "joint speed", np.abs(motion.joint_speed), SPEED * speed, "rad/s or m/s",
               "jsx", motion.time, who),
