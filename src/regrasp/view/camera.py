@@ -16,8 +16,8 @@ FIELD = np.radians(16.0)
 class Camera:
     """A pinhole at `eye` (W, m) with axes right, up, forward as the rows of `R` (3, 3).
 
-    Its image has `width` × `height` px; `reach` is the half height of what is seen at unit distance, the tangent of half
-    the opening angle.
+    Its image has `width` × `height` px; `reach` is the half height of what is seen at unit distance, the tangent of
+    half the opening angle.
     """
 
     eye: Array

@@ -15,7 +15,7 @@ from regrasp.view import strip
 from regrasp.view.camera import Camera, candidates, fit
 from regrasp.view.frames import Instant, choose, motion_words, put, put_object
 from regrasp.view.ink import AGENT_FORCE, AGENTS, DARK, GREY, SUPPORT_FORCE, Ink, chips, rgb
-from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, cast, picture, silhouette
+from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, hits, picture, silhouette
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def _best_camera(
         total = 0.0
         for instant in instants:
             put(world, plan, instant, data)
-            geom, _, _ = cast(stage, data, camera.eye, rays, (DRAWN, OBJECT))
+            geom, _, _ = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
             seen = np.array([np.sum(geom == tip) for tip in tips], dtype=float)
             size = camera.pixel_size(float(np.linalg.norm(stage.centre - camera.eye)))
             whole = np.pi * (stage.model.geom_size[tips, 0] / size) ** 2

@@ -1,4 +1,4 @@
-"""Shaded pictures of a MuJoCo model by its own ray caster: no display, no OpenGL, every shape exact, meshes too."""
+"""Shaded pictures of a MuJoCo model by casting rays: no display, no OpenGL, every shape exact."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.view.camera import Camera
+from regrasp.view.rays import cast, shapes
 
 Array = NDArray[np.float64]
 
@@ -35,24 +36,20 @@ class Stage:
     flat: bool
 
 
-def cast(
+def hits(
     stage: Stage, data: mujoco.MjData, origin: Array, rays: Array, groups: tuple[int, ...]
-) -> tuple[NDArray[np.int32], Array, Array]:
-    """First hits of unit rays (n, 3) from `origin`, W: geom (n,) or −1, distance (n,) in m or −1, normal (n, 3)."""
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """First hits of unit rays (n, 3) from `origin`, W: geom (n,) or −1, distance (n,) in m or inf, normal (n, 3)."""
     n = len(rays)
-    geom, distance, normal = np.empty(n, np.int32), np.empty(n), np.zeros(3 * n)
-    mask = np.zeros(mujoco.mjNGROUP, np.uint8)
-    mask[list(groups)] = 1
-    mujoco.mj_multiRay(
-        stage.model, data, origin, np.ascontiguousarray(rays).ravel(), mask, True, -1, geom, distance, normal, n, np.inf
-    )
-    return geom, distance, normal.reshape(n, 3)
+    geom, distance, normal = np.empty(n, np.int64), np.empty(n), np.zeros((n, 3))
+    cast(shapes(stage.model, data, groups), origin, rays, geom, distance, normal)
+    return geom, distance, normal
 
 
 def shade(stage: Stage, data: mujoco.MjData, camera: Camera, pixels: Array) -> Array:
     """Colours (n, 3) at image points (n, 2): Lambert and sky light, a soft-edged shadow, lines on marked geoms."""
     rays = camera.rays(pixels)
-    geom, distance, normal = cast(stage, data, camera.eye, rays, (DRAWN, OBJECT))
+    geom, distance, normal = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
     colour = np.tile(BACKGROUND, (len(rays), 1))
     hit = np.flatnonzero(geom >= 0)
     if not hit.size:
@@ -67,7 +64,7 @@ def shade(stage: Stage, data: mujoco.MjData, camera: Camera, pixels: Array) -> A
     far = np.linalg.norm(to_light, axis=1)
     lambert = np.clip(np.sum(n * to_light, axis=1) / far, 0, 1)
     if not stage.flat:
-        _, first, _ = cast(stage, data, light, -to_light / far[:, None], (DRAWN, OBJECT))
+        _, first, _ = hits(stage, data, light, -to_light / far[:, None], (DRAWN, OBJECT))
         lambert *= np.where(first < far - 2e-3 * stage.radius, 0.35, 1.0)
     facing = np.clip(-np.sum(n * rays[hit], axis=1), 0, 1)
     sky = 0.5 + 0.5 * n[:, 2]
@@ -109,7 +106,7 @@ def silhouette(stage: Stage, data: mujoco.MjData, camera: Camera) -> NDArray[np.
     """Where (height, width) the object's image is, with everything else out of the way."""
     y, x = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
-    return (cast(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(camera.height, camera.width)
+    return (hits(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(camera.height, camera.width)
 
 
 def _light(camera: Camera) -> Array:
