@@ -1,0 +1,336 @@
+"""The command line. Results go to stdout, progress and messages to stderr.
+
+Exit codes: 0 done; 1 ran, but no plan was found, the certificate was refused or a benchmark missed its mark; 2 bad
+input, told in one line; 130 interrupted. Heavy libraries are imported by the command that needs them.
+"""
+
+import contextlib
+import dataclasses
+import difflib
+import io
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from regrasp import __version__
+from regrasp.errors import InputError, RegraspError
+
+DONE, REFUSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+ITERATIONS, TIME_LIMIT = ("local", "annealing", "iterations"), ("time_limit",)
+"""Where in the planner's settings `--iterations` and `--time-limit` belong."""
+JSON = "--json: print one JSON object on stdout instead of text."
+
+Answer = tuple[int, dict[str, Any]]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; the value is the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    as_json = "--json" in arguments
+    arguments = [a for a in arguments if a != "--json"]
+    try:
+        # What a library prints must not come between a program and the one object it reads.
+        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            code, answer, show = _run(arguments)
+    except (InputError, OSError) as error:
+        line = str(error)
+        if isinstance(error, OSError):
+            line = f"{error.filename or 'file'}: {error.strerror or error}"
+        code, answer, show = BAD_INPUT, {"error": line}, _nothing
+        _say(line)
+        for other in getattr(error, "others", ()):
+            _say(str(other))
+    except RegraspError as error:
+        code, answer, show = REFUSED, {"error": str(error)}, _nothing
+        _say(str(error))
+    except KeyboardInterrupt:
+        code, answer, show = INTERRUPTED, {"error": "interrupted"}, _nothing
+        _say("interrupted")
+    try:
+        if as_json:
+            print(json.dumps({"exit": code, **answer}, allow_nan=False))
+        else:
+            show(answer)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader has left; python must not complain about it once more at its own exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _run(arguments: list[str]) -> tuple[int, dict[str, Any], Callable[[dict[str, Any]], None]]:
+    """Exit code, answer, and how the answer is shown to people."""
+    name = arguments[0] if arguments else "--help"
+    if name in ("-h", "--help"):
+        return DONE, {"commands": {key: words for key, (words, _, _) in COMMANDS.items()}}, _show_help
+    if name == "--version":
+        return DONE, {"version": __version__}, lambda answer: print(f"regrasp {answer['version']}")
+    if name not in COMMANDS:
+        near = difflib.get_close_matches(name, COMMANDS, n=1)
+        hint = f"{near[0]}?" if near else f"legal: {', '.join(COMMANDS)}"
+        raise InputError("regrasp", f"unknown command {name!r}", hint)
+    _, run, show = COMMANDS[name]
+    code, answer = run(arguments[1:])
+    return code, answer, show
+
+
+def _parse(command: Callable[..., Any], name: str, arguments: list[str]) -> Any:
+    """What `command` returns for the arguments; a wrong one raises InputError with tyro's reason in one line."""
+    import tyro
+
+    words = f"{COMMANDS[name][0]}\n\n{JSON}"
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return tyro.cli(command, prog=f"regrasp {name}", description=words, args=arguments)
+    except ValueError as error:  # a value of the right type that the settings refuse
+        raise InputError(f"regrasp {name}", str(error), f"see regrasp {name} --help") from None
+    except SystemExit as end:
+        if not end.code:
+            raise
+    raise InputError(f"regrasp {name}", *_complaint(complaint.getvalue(), name)) from None
+
+
+def _complaint(text: str, name: str) -> tuple[str, str]:
+    """Reason and hint from tyro's box of text."""
+    lines = [line.strip("│╭╮╰╯ ") for line in text.splitlines()]
+    sections: list[list[str]] = [[]]
+    for line in lines[1:]:
+        if line and not line.strip("─"):
+            sections.append([])
+        elif line:
+            sections[-1].append(line)
+    reason = " ".join(sections[0]).replace(f"Missing from regrasp {name}:", "missing:")
+    near = next((s[1] for s in sections if len(s) > 1 and s[0].startswith("Perhaps you meant")), "")
+    return reason, f"{near}?" if near else f"see regrasp {name} --help"
+
+
+def _plan(arguments: list[str]) -> Answer:
+    import tyro
+
+    from regrasp.planner.method import Settings, plan_scene
+    from regrasp.planner.settings import read
+    from regrasp.scene.load import load
+
+    def request(
+        scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")],
+        output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="PLAN")],
+        planner: Settings,
+        seed: int = 0,
+        iterations: int | None = None,
+        time_limit: float | None = None,
+    ) -> tuple[str, Path, int, Settings]:
+        """Read the command line.
+
+        Args:
+            scene: Name of a built-in scene (see `regrasp scenes`), or path of a scene file.
+            output: Plan file to write.
+            planner: Settings of the planner; they replace those of the scene file.
+            seed: Seed of every random choice: the same seed, settings and iterations give the same plan.
+            iterations: Annealing iterations on each arc of the route.
+            time_limit: Seconds after which the best plan so far is taken; 0: none.
+        """
+        for path, value in ((ITERATIONS, iterations), (TIME_LIMIT, time_limit)):
+            if value is not None:
+                planner = _replaced(planner, path, value)
+        return scene, output, seed, planner
+
+    def parse(default: Settings) -> tuple[str, Path, int, Settings]:
+        request.__defaults__ = (default, 0, None, None)
+        return _parse(request, "plan", arguments)
+
+    # The scene file's settings are the defaults of the flags, so its name is read first.
+    name, output, _, _ = parse(Settings())
+    _writable(output)
+    scene = load(name)
+    _, _, seed, settings = parse(read(Settings, scene.planner))
+    from regrasp.view.progress import Reporter
+
+    started = time.perf_counter()
+    with Reporter() as report:
+        outcome = plan_scene(scene, seed, settings, report)
+    seconds = time.perf_counter() - started
+    if outcome.plan is None:
+        failure = outcome.failure
+        assert failure is not None
+        _say(f"{scene.name}: no plan: {failure}")
+        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure)}
+    outcome.plan.save(output)
+    return DONE, {"plan": str(output), "seconds": seconds, **outcome.plan.summary()}
+
+
+def _replaced(settings: Any, path: Sequence[str], value: object) -> Any:
+    """Nested frozen dataclasses with the field at `path` replaced."""
+    first, *rest = path
+    inner = _replaced(getattr(settings, first), rest, value) if rest else value
+    return dataclasses.replace(settings, **{first: inner})
+
+
+def _show_plan(answer: dict[str, Any]) -> None:
+    if "plan" not in answer:
+        return
+    motions = ", ".join(f"{count} {name}" for name, count in answer["motions"].items())
+    print(
+        f"{answer['plan']}: {answer['intervals']} intervals, {len(answer['agents'])} agents, "
+        f"{answer['duration']:.3g} s of motion, energy {answer['energy']:.4g}; "
+        f"planned in {answer['seconds']:.2f} s with seed {answer['seed']}\n"
+        f"contact motions: {motions}"
+    )
+    for remark in answer["remarks"]:
+        print(remark)
+
+
+def _check(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]) -> Path:
+        """Read the command line.
+
+        Args:
+            plan: Plan file, as `regrasp plan` writes it.
+        """
+        return plan
+
+    path = _parse(request, "check", arguments)
+    from regrasp.plan import load
+    from regrasp.verify.check import check
+
+    certificate = check(load(path))
+    for finding in certificate.refusals:
+        _say(f"{path}: refused: {finding}")
+    return (DONE if certificate.passed else REFUSED), {"plan": str(path), **certificate.to_dict()}
+
+
+def _show_check(answer: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{answer['plan']}: {'certified' if answer['passed'] else 'refused'}", title_justify="left")
+    for heading in ("", "point", "worst", "allowed", "where"):
+        table.add_column(heading, justify="right" if heading in ("worst", "allowed") else "left")
+    for finding in answer["findings"]:
+        place = [finding["who"]] if finding["who"] else []
+        place += [f"interval {finding['interval']}"] if finding["interval"] is not None else []
+        value = "not a number" if finding["value"] is None else f"{finding['value']:.3g}"
+        allowed = f"{finding['tolerance']:.3g} {finding['unit']}".rstrip()
+        mark = "[green]✓[/]" if finding["passed"] else "[bold red]✗[/]"
+        table.add_row(mark, f"{finding['name']}: {finding['text']}", value, allowed, ", ".join(place))
+    Console().print(table)
+
+
+def _scenes(arguments: list[str]) -> Answer:
+    def request() -> None:
+        """Read the command line."""
+
+    _parse(request, "scenes", arguments)
+    from regrasp.scene.load import builtin
+
+    return DONE, {"scenes": [{"name": name, "description": words} for name, words in builtin().items()]}
+
+
+def _show_scenes(answer: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("scene", "what it asks", box=None, padding=(0, 2, 1, 0))
+    for scene in answer["scenes"]:
+        table.add_row(scene["name"], scene["description"].strip())
+    Console().print(table)
+
+
+def _render(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(
+        plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")],
+        output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE")],
+        frames: int = 6,
+    ) -> tuple[Path, Path, int]:
+        """Read the command line.
+
+        Args:
+            plan: Plan file, as `regrasp plan` writes it.
+            output: Picture to write, a .png file.
+            frames: Number of instants shown, 1 to 12.
+        """
+        return plan, output, frames
+
+    path, output, frames = _parse(request, "render", arguments)
+    if output.suffix.lower() != ".png":
+        raise InputError("--output", f"{output} is not a .png file", "pictures are written as PNG")
+    if not 1 <= frames <= 12:
+        raise InputError("--frames", f"is {frames}", "1 to 12")
+    _writable(output)
+    from regrasp.plan import load
+    from regrasp.view.render import render
+
+    picture = render(load(path), frames)
+    picture.save(output)
+    return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
+
+
+def _show_render(answer: dict[str, Any]) -> None:
+    print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
+
+
+def _bench(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(
+        name: Annotated[Literal["paper", "minima", "scenes"], tyro.conf.Positional], seeds: int = 10
+    ) -> tuple[str, int]:
+        """Read the command line.
+
+        Args:
+            name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5).
+                scenes: every built-in scene, planned and checked.
+            seeds: How many seeds are run.
+        """
+        return name, seeds
+
+    name, seeds = _parse(request, "bench", arguments)
+    if seeds < 1:
+        raise InputError("--seeds", f"is {seeds}", "1 or more")
+    from regrasp import bench
+
+    answer = getattr(bench, name)(seeds=seeds)
+    return (DONE if answer.get("passed", True) else REFUSED), {"bench": name, **answer}
+
+
+def _show_help(answer: dict[str, Any]) -> None:
+    width = max(map(len, answer["commands"]))
+    print("usage: regrasp COMMAND ...\n\nPlans how robot fingers and cooperating arms re-configure an object.\n")
+    for name, words in answer["commands"].items():
+        print(f"  {name:{width}}  {words}")
+    print(f"\nregrasp COMMAND --help tells its options. {JSON}")
+    print("Exit codes: 0 done, 1 no plan or certificate refused (with the reason), 2 bad input (one line).")
+
+
+def _nothing(answer: dict[str, Any]) -> None:
+    """Shows nothing: all was said."""
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _writable(path: Path) -> None:
+    """Raise InputError before the work if its result could not be written."""
+    if not path.parent.is_dir():
+        raise InputError("--output", f"no directory {path.parent}", "make it first")
+    if path.is_dir():
+        raise InputError("--output", f"{path} is a directory", "name a file")
+
+
+COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str, Any]], None]]] = {
+    "plan": ("Plan a scene: contact motions, joint trajectories and forces, from start to goal.", _plan, _show_plan),
+    "check": ("Re-check a plan independently of the planner: the certificate.", _check, _show_check),
+    "scenes": ("List the built-in scenes.", _scenes, _show_scenes),
+    "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, _show_render),
+    "bench": ("Measure the method: paper, minima, scenes.", _bench, _nothing),
+}
+"""Name → what it does, what runs it, what shows its answer."""

@@ -1,0 +1,93 @@
+"""The matrix V of contact motions as a strip of cells, as in the paper's Fig. 2: agents in rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.plan import FIRST_SLIDE, OFF, RELOCATE, SLIDE, Plan
+from regrasp.view.frames import Instant
+from regrasp.view.ink import DARK, GREY, SUPPORT_FORCE, WHITE, Ink
+
+Array = NDArray[np.float64]
+
+STAY, ROLL, SLIP, MOVE, FREE = "#E4E4E0", "#BBD7EA", "#F2D29B", "#3B3B3B", "#FFFFFF"
+ROW = 26
+
+
+def height(plan: Plan) -> int:
+    """Of the strip, in px."""
+    return 58 + ROW * (plan.V.shape[1] + len(_supports(plan)))
+
+
+def draw(ink: Ink, plan: Plan, instants: Sequence[Instant], colours: Sequence[str], left: float, top: float) -> None:
+    """Draw the strip from (left, top) to the same distance from the right edge; triangles mark the frames' instants."""
+    N, k = plan.V.shape
+    names = [*plan.agent_names, *_supports(plan)]
+    begin = left + 150
+    cell = (ink.size[0] - left - begin) / N
+    _legend(ink, begin, top + 10, k < len(names))
+    top += 40
+    for i, name in enumerate(names):
+        y = top + ROW * i
+        if i < k:
+            ink.disc(np.array([left + 8, y + ROW / 2]), 6, colours[i], DARK)
+        ink.text(np.array([left + 22, y + ROW / 2]), name, 14, anchor="lm")
+        for j in range(N):
+            low, high = np.array([begin + cell * j, y + 1.5]), np.array([begin + cell * (j + 1) - 1, y + ROW - 1.5])
+            if i < k:
+                _motion(ink, int(plan.V[j, i]), low, high)
+            else:
+                _support(ink, plan, name, j, low, high)
+    for number, instant in enumerate(instants):
+        part = instant.sample / (plan.time.shape[1] - 1)
+        x = begin + cell * (instant.interval + part)
+        ink.line(np.array([[x, top - 4], [x, top + ROW * len(names) + 2]]), DARK, 1.2, dash=(4, 4))
+        ink.text(np.array([x, top - 12]), str(number + 1), 13, bold=True)
+
+
+def _supports(plan: Plan) -> list[str]:
+    return sorted({name for p, name in enumerate(plan.support_names) if plan.support_mode[:, p].any()})
+
+
+def _motion(ink: Ink, code: int, low: Array, high: Array) -> None:
+    fill = STAY if code == 0 else MOVE if code == RELOCATE else FREE if code == OFF else ROLL
+    if FIRST_SLIDE <= code < RELOCATE:
+        fill = SLIP
+    ink.box(low, high, fill, "#D0D0CC" if code == OFF else None)
+    word = "R" if code == RELOCATE else "" if code in (0, OFF) else _sign(code)
+    if word and high[0] - low[0] > 9 * len(word):
+        ink.text((low + high) / 2, word, 12, WHITE if code == RELOCATE else DARK)
+
+
+def _sign(code: int) -> str:
+    return ("+x", "−x", "+y", "−y")[(code - 1) % 4]
+
+
+def _support(ink: Ink, plan: Plan, name: str, j: int, low: Array, high: Array) -> None:
+    modes = [int(plan.support_mode[j, p]) for p, slot in enumerate(plan.support_names) if slot == name]
+    if not any(modes):
+        return
+    middle = (low[1] + high[1]) / 2
+    ink.box(np.array([low[0], middle - 4]), np.array([high[0], middle + 4]), SUPPORT_FORCE)
+    if SLIDE in modes:
+        ink.line(np.array([[low[0] + 2, middle], [high[0] - 2, middle]]), WHITE, 1.5, dash=(3, 3))
+
+
+def _legend(ink: Ink, x: float, y: float, supports: bool) -> None:
+    for fill, words in (
+        (STAY, "stay"),
+        (ROLL, "roll about ±x, ±y"),
+        (SLIP, "slide along ±x, ±y"),
+        (MOVE, "relocate"),
+        (FREE, "off"),
+    ):
+        ink.box(np.array([x, y - 7]), np.array([x + 20, y + 7]), fill, GREY if fill == FREE else None)
+        ink.text(np.array([x + 27, y]), words, 13, anchor="lm")
+        x += 50 + 7.6 * len(words)
+    for sliding, words in ((False, "support sticks"), (True, "support slides")) if supports else ():
+        ink.box(np.array([x, y - 4]), np.array([x + 20, y + 4]), SUPPORT_FORCE)
+        if sliding:
+            ink.line(np.array([[x + 2, y], [x + 18, y]]), WHITE, 1.5, dash=(3, 3))
+        ink.text(np.array([x + 27, y]), words, 13, anchor="lm")
+        x += 50 + 7.6 * len(words)
