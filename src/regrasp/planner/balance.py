@@ -101,10 +101,10 @@ def balance(
 
     bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
     """
-    columns = 0
+    columns = np.int64(0)
     for i in range(len(bears)):
         if bears[i]:
-            columns += contact_columns(hand, i, codes[i], p_OC[i], n[i], t[i], margin, lp, columns)
+            columns += contact_columns(hand, i, np.int64(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
     columns += support_columns(hand, path, j, s, margin, lp, columns)
     for a in range(3):
         lp.b[a] = path.up_O[j, s, a]

@@ -28,6 +28,9 @@ from regrasp.planner.state import State, copy_agent, copy_motion, same_agent
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
+# Typed, as numba would compile every kernel below a literal a second time.
+NOBODY, STAND = np.int64(-1), np.int64(STAY)
+
 
 @dataclass(frozen=True)
 class Energy:
@@ -66,7 +69,6 @@ class Work(NamedTuple):
 
     lp: Program
     score: Array
-    q: Array
     touched: NDArray[np.uint8]
     dirty: NDArray[np.uint8]
     bears: NDArray[np.uint8]
@@ -77,9 +79,8 @@ def new_work(hand: Hand, path: Path, scan: Scan) -> Work:
     k, slots = len(hand.tip_geom), path.support_mode.shape[1]
     lp = program(EDGES * (k + slots), k)
     lp.cap[:] = hand.cap
-    joints = int(np.max(np.diff(hand.chains.start)))
     flags = [np.zeros(k, np.uint8) for _ in range(3)]
-    return Work(lp, np.zeros(len(scan.p_O)), np.zeros((path.R_WO.shape[1], joints)), *flags)
+    return Work(lp, np.zeros(len(scan.p_O)), *flags)
 
 
 @njit(cache=True, nogil=True)
@@ -148,10 +149,11 @@ def move_freely(
     """Agent i relocates or retires in interval j; where it can't, it is lost and keeps to where it is."""
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
     n_a = last - first
+    q = np.empty((path.R_WO.shape[1], n_a))
     if state.V[j, i] == RELOCATE:
         c, way = relocate(
             hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margin, terms.outlook, terms.tries,
-            terms.high, work.lp, work.score, work.q[:, :n_a],
+            terms.high, work.lp, work.score, q,
         )  # fmt: skip
         state.chosen[j, i] = c
         state.way[j, i] = way
@@ -160,9 +162,10 @@ def move_freely(
             return
     else:
         goal = np.zeros(3)
+        lifts = state.holds[j, i] == 1
         home = hand.home[first:last]
         if free_motion(
-            hand, path, state, j, i, True, False, goal, goal, home, 0, terms.high, terms.clearance, work.q[:, :n_a]
+            hand, path, state, j, i, lifts, not lifts, goal, goal, home, np.int64(0), terms.high, terms.clearance, q
         ):
             R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
             state.q[j + 1, first:last] = home
@@ -177,7 +180,7 @@ def move_freely(
 def stay_behind(hand: Hand, path: Path, terms: Terms, state: State, j: int, i: int) -> None:
     """Agent i could not move freely in interval j: the workspace condition is broken, it keeps to where it is."""
     if state.holds[j, i] == 1:
-        follow_contact(hand, path, terms, state, j, i, STAY)
+        follow_contact(hand, path, terms, state, j, i, STAND)
     else:
         rest(hand, state, j, i)
     state.chosen[j, i] = -1
@@ -212,7 +215,7 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
             count += new.hits[j, a, c]
     new.c[j] = count
     held, start, _ = balance(
-        hand, path, j, 0, work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin, work.lp
+        hand, path, j, np.int64(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin, work.lp
     )
     end = 0.0
     if held:
@@ -266,7 +269,7 @@ def evaluate(
             for rest_j in range(j, n):
                 E += interval_energy(terms, cur, rest_j)
             return (E, j) if E <= bound else (np.inf, j)
-        mover = -1
+        mover = NOBODY
         for i in range(k):
             if mover < 0 and moves_freely(V[j, i], new.holds[j, i]):
                 mover = i
@@ -284,7 +287,7 @@ def evaluate(
             if moves_freely(V[j, i], new.holds[j, i]):
                 stay_behind(hand, path, terms, new, j, i)  # one free motion at a time
             elif new.holds[j, i] == 1:
-                follow_contact(hand, path, terms, new, j, i, V[j, i])
+                follow_contact(hand, path, terms, new, j, i, np.int64(V[j, i]))
             else:
                 rest(hand, new, j, i)
         bearing(new, j, work.bears)

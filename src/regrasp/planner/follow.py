@@ -16,7 +16,7 @@ from regrasp.planner.path import Path
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
-JUMP = 0.6  # rad: a joint that moves further in one interval has changed its branch
+JUMP = 0.3  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
 
 @njit(cache=True, nogil=True)
@@ -103,7 +103,7 @@ def short_step(
     step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
     step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
     step[2], step[3] = command[2], command[3]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, 1, p_OC, p_TC, R_OT, x_O)
+    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1), p_OC, p_TC, R_OT, x_O)
     for a in range(n_a):
         q[a] += dq[a]
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)

@@ -138,7 +138,7 @@ def grasp_cost(
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int8)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
-    cost = 0.0
+    cost, start = 0.0, np.int64(0)
     for a in range(len(agents)):
         i = agents[a]
         bears[i] = 1
@@ -147,7 +147,7 @@ def grasp_cost(
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
-    held, value, _ = balance(hand, path, 0, 0, bears, codes, p, normal, t, margin, lp)
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, lp)
     if not held:
         return np.inf
     cost += value

@@ -70,7 +70,7 @@ def trace_contact(
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
             advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, 1,
+                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1),
                 p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
             )  # fmt: skip
             if not reach_tip(

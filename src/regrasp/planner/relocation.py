@@ -396,6 +396,7 @@ def relocate(
     """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0)."""
     scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, outlook, lp, score)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    lands = tries > 0
     for _ in range(tries):
         c = np.argmin(score)
         if score[c] == np.inf:
@@ -403,7 +404,7 @@ def relocate(
         score[c] = np.inf
         for way in range(WAYS):
             if free_motion(
-                hand, path, state, j, i, state.holds[j, i] == 1, True, scan.p_O[c], scan.n_O[c],
+                hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p_O[c], scan.n_O[c],
                 scan.q[i, j + 1, c, :n_a], way, high, clearance, q,
             ):  # fmt: skip
                 return c, way
