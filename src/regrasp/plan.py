@@ -13,8 +13,6 @@ import io
 import json
 import os
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -64,7 +62,7 @@ ARRAYS: Mapping[str, tuple[type[np.generic], tuple[str | int, ...]]] = {
 """dtype and shape of every array of a plan; a letter means the same length everywhere."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """Object path, joints, contact motions, contacts and forces, and the scene they belong to.
 
@@ -202,8 +200,7 @@ class Plan:
             raise InputError("plan", f"its manifest is not JSON: {error}", "finite numbers, strings, lists") from None
         arrays["manifest"] = np.frombuffer(text.encode(), dtype=np.uint8)
         buffer = io.BytesIO()
-        # numpy's stub gives the names of the arrays no room beside allow_pickle
-        np.savez_compressed(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(buffer, allow_pickle=False, **arrays)
         return buffer.getvalue()
 
 
@@ -222,23 +219,28 @@ def load(path: str | os.PathLike[str]) -> Plan:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
         manifest = _manifest(arrays.pop("manifest").tobytes(), name)
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, AttributeError, TypeError, OSError):
+    except InputError:
+        raise
+    except Exception:  # a damaged archive makes zipfile, zlib and numpy raise nearly anything
         reason = "is not a plan" if not content.startswith(b"PK") else "is damaged or not a plan"
         raise InputError("plan", reason, "a file written by `regrasp plan`", name) from None
     values: dict[str, Any] = {}
     for each in fields(Plan):
         source = arrays if each.name in ARRAYS else manifest
-        if each.name == "assets":
-            values["assets"] = {asset: arrays[f"asset{i}"].tobytes() for i, asset in enumerate(manifest["assets"])}
-        elif each.name not in source:
+        if each.name not in source:
             raise InputError(f"plan.{each.name}", "is missing", "plan it again", name)
         else:
             value = source[each.name]
             values[each.name] = tuple(value) if isinstance(value, list) else value
     try:
+        values["assets"] = {asset: arrays[f"asset{i}"].tobytes() for i, asset in enumerate(manifest["assets"])}
         return Plan(**values)
     except InputError as error:
         raise InputError(error.field, error.reason, error.hint, name) from None
+    except KeyError:
+        raise InputError("plan.assets", "is missing a file", "plan it again", name) from None
+    except TypeError:
+        raise InputError("plan.manifest", "holds a value of the wrong type", "plan it again", name) from None
 
 
 def _manifest(text: bytes, name: str) -> dict[str, Any]:

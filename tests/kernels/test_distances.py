@@ -5,7 +5,7 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import nnls
 
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, PLANE, POINT, SEGMENT, support
 from regrasp.kernels.distances import bounds_far, distance
@@ -58,69 +58,72 @@ def apart(rng: np.random.Generator, A: Body, B: Body, gap: float) -> tuple[Body,
     return moved(B, A[4] - B[4] + high * u), u
 
 
-class MujocoOracle:
+def mujoco_distance(A: Body, B: Body) -> float:
     """mj_geomDistance of two bodies, each the only geom of a mocap body."""
-
-    SIZES = {
-        POINT: lambda c, r: ("sphere", [r]),
-        SEGMENT: lambda c, r: ("capsule", [r, c[2]]),
-        BOX: lambda c, r: ("box", c),
-        CYLINDER: lambda c, r: ("cylinder", [c[0], c[2]]),
-        ELLIPSOID: lambda c, r: ("ellipsoid", c),
-        PLANE: lambda c, r: ("plane", [1, 1, 1]),
-    }
-
-    def distance(self, A: Body, B: Body) -> float:
-        geoms = ""
-        for kind, core, radius, R, p in (A, B):
-            name, size = self.SIZES[kind](core, radius)
-            quat = np.zeros(4)
-            mujoco.mju_mat2Quat(quat, R.ravel())
-            numbers = [" ".join(repr(float(x)) for x in v) for v in (size, p, quat)]
-            geoms += '<body pos="{1}" quat="{2}"><geom type="{t}" size="{0}"/></body>'.format(*numbers, t=name)
-        if PLANE in (A[0], B[0]):  # planes must be static
-            geoms = geoms.replace("<body", "<body mocap='true'")
-        model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}</worldbody></mujoco>")
-        model.opt.ccd_tolerance, model.opt.ccd_iterations = 1e-12, 500
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        return mujoco.mj_geomDistance(model, data, 0, 1, 100.0, None)
+    bodies = ""
+    for kind, core, r, R, p in (A, B):
+        shapes: dict[int, tuple[str, list[float]]] = {
+            POINT: ("sphere", [r]),
+            SEGMENT: ("capsule", [r, core[2]]),
+            BOX: ("box", list(core)),
+            CYLINDER: ("cylinder", [core[0], core[2]]),
+            ELLIPSOID: ("ellipsoid", list(core)),
+            PLANE: ("plane", [1, 1, 1]),
+        }
+        name, size = shapes[kind]
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, R.ravel())
+        numbers = [" ".join(repr(float(x)) for x in v) for v in (p, quat, size)]
+        bodies += '<body mocap="true" pos="{}" quat="{}"><geom size="{}" type="{}"/></body>'.format(*numbers, name)
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    model.opt.ccd_tolerance, model.opt.ccd_iterations = 1e-12, 500
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return mujoco.mj_geomDistance(model, data, 0, 1, 100.0, None)
 
 
 @pytest.mark.parametrize(("a", "b"), [*PAIRS, *(("plane", k) for k in SOLIDS)])
 def test_mujoco_agrees(a: str, b: str) -> None:
-    rng, oracle = np.random.default_rng(1), MujocoOracle()
+    rng, errors = np.random.default_rng(1), []
     for _ in range(40):
         A, B = body(rng, a), body(rng, b)
         B, _ = apart(rng, A, B, 10.0 ** rng.uniform(-4, -0.5))
-        assert d(A, B) == pytest.approx(oracle.distance(A, B), abs=2e-7)
+        errors.append(abs(d(A, B) - mujoco_distance(A, B)))
+    # MuJoCo misses by up to 2e-5 m on one ellipsoid in a hundred; the duality test below shows whose error it is.
+    assert np.quantile(errors, 0.9) < 1e-7
+    assert max(errors) < 1e-4
 
 
-def bracket(A: Body, B: Body) -> float:
-    """The distance from below, by the dual: max over unit directions u of the gap between the supporting planes."""
+def bracket(A: Body, B: Body) -> tuple[float, float]:
+    """Lower and upper bound of the distance, by Wolfe's nearest point of a growing polytope with an exact QP (NNLS)."""
+    o = B[4] - A[4]
+    v, vertices, low, high = o, [], -np.inf, np.inf
+    for _ in range(200):
+        b, a = support(B[0], B[1], B[3], tuple(-v)), support(A[0], A[1], A[3], tuple(v))
+        w = o + np.array(b) - np.array(a)
+        low = max(low, float(v @ w) / float(np.linalg.norm(v)))
+        if high - low < 1e-9:
+            break
+        vertices.append(w)
+        P = np.array(vertices).T
+        scale = np.abs(P).max()
+        share, _ = nnls(np.vstack([P / scale, np.ones(P.shape[1])]), np.array([0.0, 0.0, 0.0, 1.0]))
+        v = P @ share / share.sum()
+        high = min(high, float(np.linalg.norm(v)))
+        vertices = [w for w, needed in zip(vertices, share > 0.0, strict=True) if needed]
+    return low - A[2] - B[2], high - A[2] - B[2]
 
-    def separation(x: np.ndarray) -> float:
-        u = x / np.linalg.norm(x)
-        a = np.array(support(A[0], A[1], A[3], tuple(u)))
-        b = np.array(support(B[0], B[1], B[3], tuple(-u)))
-        return -float(u @ (B[4] + b - A[4] - a))
 
-    starts = [B[4] - A[4], *(s * R[:, i] for R in (A[3], B[3]) for i in range(3) for s in (1, -1))]
-    best = sorted(starts, key=separation)[:3]
-    options = {"xatol": 1e-10, "fatol": 1e-13, "maxiter": 4000, "maxfev": 4000}
-    return -min(minimize(separation, x, method="Nelder-Mead", options=options).fun for x in best) - A[2] - B[2]
-
-
-@pytest.mark.parametrize(("a", "b"), [("segment", "cylinder"), ("box", "ellipsoid"), ("cylinder", "cylinder")])
-def test_separating_planes_prove_the_distance(a: str, b: str) -> None:
-    """No oracle's code: every separating plane is a lower bound, and the best one must reach the distance (duality)."""
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+@pytest.mark.parametrize("needle", [False, True])
+def test_a_separating_plane_proves_the_distance(a: str, b: str, needle: bool) -> None:
+    """Duality: no distance exceeds that of two points, none is less than that of two supporting planes."""
     rng = np.random.default_rng(2)
-    for _ in range(8):
-        A, B = body(rng, a), body(rng, b)
-        B, _ = apart(rng, A, B, rng.uniform(0.01, 0.1))
-        low = bracket(A, B)
-        assert low <= d(A, B) + 1e-8
-        assert low >= d(A, B) - 1e-5  # Nelder–Mead on a kinked function: what it reaches
+    for _ in range(25):
+        A, B = body(rng, a, needle), body(rng, b, needle)
+        B, _ = apart(rng, A, B, 10.0 ** rng.uniform(-6, -1))
+        low, high = bracket(A, B)
+        assert low - 1e-7 <= d(A, B) <= high + 1e-7
 
 
 @pytest.mark.parametrize(("a", "b"), PAIRS)
@@ -140,23 +143,90 @@ def test_a_distance_is_symmetric_invariant_and_lipschitz(a: str, b: str, needle:
             assert abs(nearer - gap) <= np.linalg.norm(step) + 1e-7
 
 
-@pytest.mark.parametrize(("a", "b"), PAIRS)
-def test_overlapping_cores_are_as_deep_as_they_say(a: str, b: str) -> None:
-    """Where even the cores overlap, a shift by less than the value's excess can't be needed to part them: it is enough."""
+@pytest.mark.parametrize(("a", "b"), [p for p in PAIRS if not {"point", "segment"}.issuperset(p)])
+def test_overlapping_cores_say_so(a: str, b: str) -> None:
+    """At any depth, concentric too; a shallow overlap is no deeper than the way that led into it."""
     rng = np.random.default_rng(4)
-    if a in ("point", "segment") and b in ("point", "segment"):
-        pytest.skip("cores without volume")
     for _ in range(60):
         A, B = body(rng, a), body(rng, b)
         B, u = apart(rng, A, B, -A[2] - B[2])
-        A, B = moved(A, np.zeros(3)), moved(B, (A[4] - B[4]) * rng.choice([1e-6, 0.1, 0.7, 1.0]))
-        value = d(A, B)
-        assert value <= -A[2] - B[2]
-        depth = -value - A[2] - B[2]
-        ways = [w / np.linalg.norm(w) for w in [u, *rng.normal(size=(200, 3))]]
-        needed = min(
-            w @ (A[4] - B[4] + support(A[0], A[1], A[3], tuple(w)) - np.array(support(B[0], B[1], B[3], tuple(-w))))
-            for w in ways
-        )
-        assert depth <= 3 * needed + 1e-9  # an upper bound of the depth, and not a wild one
-        assert d(A, moved(B, 1.001 * (depth + 1e-9) * u)) > value
+        inside = moved(B, (A[4] - B[4]) * rng.choice([1e-3, 0.1, 0.7, 1.0]))
+        assert d(A, inside) < -A[2] - B[2] - 1e-6
+        way = 10.0 ** rng.uniform(-6, -4)
+        assert -way - 2e-7 <= d(A, moved(B, -way * u)) + A[2] + B[2] <= 1e-9
+
+
+def test_overlapping_boxes_are_as_deep_as_their_separating_axes() -> None:
+    rng = np.random.default_rng(5)
+    exact = 0
+    for _ in range(200):
+        A, B = body(rng, "box"), body(rng, "box")
+        B = moved(B, A[4] - B[4] + rng.normal(size=3) * 0.03)
+        crosses = [np.cross(A[3][:, i], B[3][:, j]) for i in range(3) for j in range(3)]
+        axes = [*A[3].T, *B[3].T, *(c / np.linalg.norm(c) for c in crosses if np.linalg.norm(c) > 1e-3)]
+        reach = [A[1] @ np.abs(A[3].T @ u) + B[1] @ np.abs(B[3].T @ u) - abs(u @ (B[4] - A[4])) for u in axes]
+        if min(reach) > 1e-6:
+            assert -d(A, B) >= min(reach) - 1e-8
+            exact += -d(A, B) < min(reach) + 1e-8
+    assert exact > 100  # the rest are local minima: further out, never too shallow
+
+
+def test_overlapping_balls_are_exactly_as_deep_as_they_are() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        (a, b), p = rng.uniform(0.02, 0.1, 2), rng.normal(size=3) * 0.01
+        A = (ELLIPSOID, np.full(3, a), 0.0, rotation(rng), np.zeros(3))
+        B = (ELLIPSOID, np.full(3, b), 0.0, rotation(rng), p)
+        assert d(A, B) == pytest.approx(np.linalg.norm(p) - a - b, abs=1e-6)
+
+
+@pytest.mark.parametrize("b", SOLIDS)
+def test_a_half_space_measures_height(b: str) -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        A, B = body(rng, "plane"), body(rng, b)
+        t = rng.normal()
+        assert d(A, moved(B, t * A[3][:, 2])) == pytest.approx(d(A, B) + t, abs=1e-12)  # below the surface too
+        assert d(B, A) == d(A, B)
+
+
+def test_point_inside_a_box_is_as_deep_as_the_nearest_face() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        B = body(rng, "box")
+        x = rng.uniform(-1, 1, 3) * B[1]
+        A = (POINT, np.zeros(3), 0.01, np.eye(3), B[4] + B[3] @ x)
+        assert d(A, B) == pytest.approx(-(B[1] - abs(x)).min() - 0.01, abs=1e-12)
+
+
+def test_parallel_segments_and_faces() -> None:
+    """Known by hand: whole edges and faces are nearest, and no pair of nearest points is unique."""
+    eye, z = np.eye(3), np.zeros(3)
+    for tilt in (0.0, 1e-12, 1e-9, 1e-8, 1e-7):
+        R = np.array([[1, 0, tilt], [0, 1, 0], [-tilt, 0, 1.0]])
+        A, B = (SEGMENT, np.array([0, 0, 0.5]), 0.1, eye, z), (SEGMENT, np.array([0, 0, 0.3]), 0.05, R, z)
+        assert d(A, moved(B, np.array([0.0, 0.4, 0.1]))) == pytest.approx(0.25, abs=1e-7)
+        assert d(A, moved(B, np.array([0.0, 0.0, 0.9]))) == pytest.approx(-0.05, abs=1e-7)  # end to end
+        assert d(A, moved(B, np.array([0.0, 0.15, 0.0]))) == pytest.approx(0.0, abs=1e-7)  # touching
+        box, rod = (BOX, np.array([1.0, 2, 3]), 0.0, R, z), (CYLINDER, np.array([0.5, 0.5, 1]), 0.0, eye, z)
+        assert d(box, moved(rod, np.array([1.75, 0.2, 0.1]))) == pytest.approx(0.25, abs=1e-6)
+        assert d(box, moved(rod, np.array([0.1, 0.2, 4.0]))) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("a", "b"), [*PAIRS, ("plane", "box")])
+def test_a_limit_only_cuts_what_is_beyond_it(a: str, b: str) -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(50):
+        A, B = body(rng, a), body(rng, b)
+        B, _ = apart(rng, A, B, rng.uniform(0.0, 0.1))
+        exact, limit = d(A, B), rng.uniform(0.0, 0.1)
+        early = d(A, B, limit)
+        assert early <= exact + 1e-8
+        assert early > limit if exact > limit + 1e-8 else early == pytest.approx(exact, abs=1e-7)
+
+
+def test_bounding_balls() -> None:
+    p, q = np.zeros(3), np.array([0.0, 3.0, 4.0])
+    assert bounds_far(p, 1.0, q, 2.0, 1.999)
+    assert not bounds_far(p, 1.0, q, 2.0, 2.001)
+    assert not bounds_far(p, np.inf, q, 2.0, 0.0)

@@ -28,7 +28,7 @@ def joint(rng: np.random.Generator, name: str) -> str:
 
 
 def serial_tree(rng: np.random.Generator, name: str) -> str:
-    """A serial chain of bodies with zero, one or several joints each, with geoms on all of them; two joints at least."""
+    """A serial chain of bodies with zero, one or several joints each and geoms on all; two joints at least."""
     opened, inner, count = "", "", 0
     for b in range(int(rng.integers(4, 8))):
         opened += f"<body {pose(rng, 0.2)}>"
@@ -165,7 +165,7 @@ def test_a_wrong_chain_is_refused_by_name(joints: list[str], type_: str, named: 
 
 def test_a_geom_without_a_kernel_or_an_owner_is_refused_by_name() -> None:
     model = mujoco.MjModel.from_xml_string(ARM.format(first="shoulder", type="hinge", geom="shell"))
-    with pytest.raises(InputError, match="geom shell.*mesh.*sphere, capsule"):
+    with pytest.raises(InputError, match=r"geom shell.*mesh.*sphere, capsule"):
         geoms_from(model, [model.geom("shell").id], [], -1)
-    with pytest.raises(InputError, match="joint elbow.*no agent"):
+    with pytest.raises(InputError, match=r"joint elbow.*no agent"):
         geoms_from(model, [model.geom("tip").id], [[0, 1]], -1)

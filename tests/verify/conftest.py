@@ -1,112 +1,20 @@
 """The handmade plans, each composed once."""
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
-
-import numpy as np
 import pytest
-from handmade import (
-    BALL, Interval, Rest, TIP, after, arc, around, away, build, compose, free_tips, Hold, line, relocate, roll, scene,
-    slide, stay, still,
-)  # fmt: skip
+from handmade_plans import MAKERS
 
-from regrasp.plan import SLIDE, Plan
+from regrasp.plan import Plan
 from regrasp.scene.world import World
 
-TOP = np.array([0.0, 0.0, 1.0])
 
+class Handmade(dict[str, tuple[Plan, World]]):
+    """Name → plan and world."""
 
-def _pose(pose) -> dict[str, object]:
-    R, p = pose(1.0)
-    return {"pose": {"position": p.tolist(), "quaternion": R.as_quat(scalar_first=True).tolist()}}
-
-
-def _ball(model: Path, intervals: list[Interval]) -> tuple[Plan, World]:
-    data = scene(model, len(intervals[0].holds), goal=_pose(intervals[-1].pose))
-    world = build(data)
-    return compose(world, intervals, data), world
-
-
-def _hold(directory: Path) -> tuple[Plan, World]:
-    three = [stay(n, squeeze=2.0) for n in around(3)]
-    return _ball(free_tips(directory / "hold.xml", 3), [Interval(still, three)] * 2)
-
-
-def _carry(directory: Path) -> tuple[Plan, World]:
-    three = [stay(n, squeeze=2.0) for n in around(3)]
-    return _ball(free_tips(directory / "carry.xml", 3), [Interval(arc, three), Interval(after(arc, line), three)])
-
-
-def _roll(directory: Path) -> tuple[Plan, World]:
-    three = [stay(n, squeeze=2.0) for n in around(3)]
-    intervals, n = [], TOP
-    pose = arc
-    for code in ("roll+x", "roll-y"):
-        hold = roll(n, code, 0.5)
-        intervals.append(Interval(pose, [*three, _turned(hold, intervals[-1].holds[3] if intervals else None)]))
-        n = hold.contact(1.0)[1]
-        pose = after(arc, line)
-    return _ball(free_tips(directory / "roll.xml", 4), intervals)
-
-
-def _turned(hold: Hold, before: Hold | None) -> Hold:
-    """The same motion begun with the tip turned as `before` left it."""
-    if before is None:
-        return hold
-    R0 = before.tip(1.0)[0]
-    return Hold(hold.code, lambda u: (hold.tip(u)[0] * R0, hold.tip(u)[1]), hold.contact, hold.twist, hold.squeeze, hold.slip)
-
-
-def _slide(directory: Path) -> tuple[Plan, World]:
-    three = [stay(n, squeeze=2.0) for n in around(3)]
-    first = slide(TOP, "slide+x", 0.006)
-    second = slide(first.contact(1.0)[1], "slide-y", 0.005)
-    return _ball(
-        free_tips(directory / "slide.xml", 4),
-        [Interval(line, [*three, first]), Interval(after(line, arc), [*three, second])],
-    )
-
-
-def _relocate(directory: Path) -> tuple[Plan, World]:
-    three = [stay(n, squeeze=2.0) for n in around(3)]
-    start, end = TOP, np.array([0.5, 0.5, np.sqrt(0.5)])
-    tips = [stay(start, squeeze=1.0), relocate(start, end), stay(end, squeeze=1.0)]
-    poses = [still, arc, after(arc, still)]
-    intervals = [Interval(pose, [*three, tip]) for pose, tip in zip(poses, tips, strict=True)]
-    return _ball(free_tips(directory / "relocate.xml", 4), intervals)
-
-
-def _push(directory: Path) -> tuple[Plan, World]:
-    """A box slides on the plane, pushed by one tip; the support's share is worked out by hand."""
-    half, mu = 0.03, 0.3
-    # Moments about the centre: the push at its height, friction half below; the front carries more than the back.
-    lean = mu * half / (2 * 0.02)
-    rests = [
-        Rest("table", lambda u, x=x: np.array([x, 0.0, -half]), TOP, np.array([-mu, 0.0, 1.0]) * share, SLIDE)
-        for x, share in ((0.02, 0.5 + lean), (-0.02, 0.5 - lean))
-    ]
-    n = np.array([-1.0, 0.0, 0.0])
-    push = Hold("stay", lambda u: (still(0)[0], (half + TIP) * n), lambda u: (half * n, n, np.array([0.0, 1.0, 0.0])), squeeze=mu)
-    def pose(u):
-        return still(u)[0], np.array([0.05 * u, 0.0, half])
-    data = scene(
-        free_tips(directory / "push.xml", 1), 1,
-        object={"shape": "box", "size": [half] * 3, "rounding": 0.003, "mass": 0.2},
-        environment=[{"name": "table", "shape": "plane", "friction": mu}],
-        supports=["table"],
-        start={"pose": {"position": [0, 0, half]}},
-        goal=_pose(pose),
-    )  # fmt: skip
-    world = build(data)
-    return compose(world, [Interval(pose, [push], rests)], data), world
-
-
-MAKERS: Mapping[str, Callable[[Path], tuple[Plan, World]]] = {
-    "hold": _hold, "carry": _carry, "roll": _roll, "slide": _slide, "relocate": _relocate, "push": _push,
-}  # fmt: skip
+    def __repr__(self) -> str:  # hypothesis prints its arguments
+        return f"Handmade({', '.join(self)})"
 
 
 @pytest.fixture(scope="session")
-def handmade(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Plan, World]]:
+def handmade(tmp_path_factory: pytest.TempPathFactory) -> Handmade:
     directory = tmp_path_factory.mktemp("models")
-    return {name: maker(directory) for name, maker in MAKERS.items()}
+    return Handmade({name: maker(directory) for name, maker in MAKERS.items()})

@@ -39,12 +39,12 @@ class Hold:
 
 @dataclass(frozen=True)
 class Rest:
-    """One support slot over one interval: contact point in O, normal in W, nominal force in W (weights), mode."""
+    """One support slot over one interval: contact point in O, normal in W, force in W (weights), mode."""
 
     name: str
     point: Callable[[float], Array]
     normal: Array
-    force: Array
+    force: Callable[[float], Array]
     mode: int
 
 
@@ -56,7 +56,7 @@ class Interval:
     duration: float = 1.0
 
 
-def free_tips(path: Path, count: int) -> Path:
+def free_tips(path: Path, count: int) -> dict[str, object]:
     """A model of `count` spherical tips, each on three slides and three hinges."""
     tips = "".join(
         f'<body name="tip{i}">'
@@ -67,14 +67,14 @@ def free_tips(path: Path, count: int) -> Path:
         for i in range(count)
     )  # fmt: skip
     path.write_text(f"<mujoco><worldbody>{tips}</worldbody></mujoco>")
-    return path
+    return {"file": str(path)}
 
 
-def scene(model: Path, count: int, **changes: object) -> dict[str, object]:
+def scene(model: dict[str, object], count: int, **changes: object) -> dict[str, object]:
     """The scene of a ball at the origin, which it need not leave."""
     base = {
         "name": "handmade",
-        "model": {"file": str(model)},
+        "model": model,
         "object": {"shape": "sphere", "size": [BALL], "mass": MASS},
         "agents": [{"name": f"tip{i}", "tip": f"tip{i}"} for i in range(count)],
         "friction": FRICTION,
@@ -96,7 +96,9 @@ def still(u: float) -> tuple[Rotation, Array]:
 def arc(u: float) -> tuple[Rotation, Array]:
     """A quarter turn on a circle in the x-z plane, turning about an oblique axis meanwhile."""
     a = 0.5 * math.pi * u
-    return Rotation.from_rotvec(0.6 * u * np.array([0.6, 0.0, 0.8])), 0.02 * np.array([math.sin(a), 0.0, 1 - math.cos(a)])
+    return Rotation.from_rotvec(0.6 * u * np.array([0.6, 0.0, 0.8])), 0.02 * np.array(
+        [math.sin(a), 0.0, 1 - math.cos(a)]
+    )
 
 
 def line(u: float) -> tuple[Rotation, Array]:
@@ -198,11 +200,25 @@ def relocate(start: Array, end: Array, height: float = 0.02) -> Hold:
     return Hold("relocate", tip)
 
 
-def away(n: Array, distance: float = 0.03) -> Hold:
-    return Hold("off", lambda u: (Rotation.identity(), (BALL + TIP + distance) * n))
+def free_joints(R_WT: Rotation, p_WT: Array) -> Array:
+    """Joints of a free-flying tip."""
+    return np.concatenate([p_WT, R_WT.as_euler("XYZ")])
 
 
-def compose(world: World, intervals: Sequence[Interval], scene_data: dict[str, object]) -> Plan:
+def planar_joints(base: Array, links: tuple[float, float, float], R_WT: Rotation, p_WT: Array) -> Array:
+    """Joints of a planar finger, elbow up, whose last link makes the angle of R_WT about −y with the x axis."""
+    angle = -float(R_WT.as_rotvec()[1])
+    wrist = p_WT[[0, 2]] - links[2] * np.array([math.cos(angle), math.sin(angle)]) - base
+    reach = float(wrist @ wrist)
+    bend = -math.acos((reach - links[0] ** 2 - links[1] ** 2) / (2 * links[0] * links[1]))
+    aim = math.atan2(wrist[1], wrist[0])
+    first = aim - math.atan2(links[1] * math.sin(bend), links[0] + links[1] * math.cos(bend))
+    return np.array([first, bend, angle - first - bend])
+
+
+def compose(
+    world: World, intervals: Sequence[Interval], inverse: Callable[[Rotation, Array], Array] = free_joints
+) -> Plan:
     """The plan of these intervals; forces of sticking contacts are balanced around their nominal squeeze."""
     N, k = len(intervals), len(world.agents)
     names = tuple(rest.name for rest in intervals[0].rests)
@@ -210,7 +226,8 @@ def compose(world: World, intervals: Sequence[Interval], scene_data: dict[str, o
     shape = (N, M)
     a = {
         "time": np.zeros(shape), "object_position": np.zeros((*shape, 3)), "object_quaternion": np.zeros((*shape, 4)),
-        "joints": np.zeros((*shape, 6 * k)), "V": np.zeros((N, k), np.int8), "twist": np.zeros((N, k, 4)),
+        "joints": np.zeros((*shape, sum(len(agent.qpos) for agent in world.agents))),
+        "V": np.zeros((N, k), np.int8), "twist": np.zeros((N, k, 4)),
         "support_mode": np.zeros((N, P), np.int8), "segment": np.zeros(N, np.int64),
         "energy": np.array([3.0, 1.0]), "energy_segment": np.zeros(2, np.int64),
     }  # fmt: skip
@@ -226,12 +243,13 @@ def compose(world: World, intervals: Sequence[Interval], scene_data: dict[str, o
             a["time"][j, m] = begin + u * interval.duration
             R, p = interval.pose(float(u))
             a["object_position"][j, m], a["object_quaternion"][j, m] = p, R.as_quat(scalar_first=True)
+            joints = []
             for i, hold in enumerate(interval.holds):
                 R_OT, p_OT = hold.tip(float(u))
-                a["joints"][j, m, 6 * i : 6 * i + 3] = p + R.apply(p_OT)
-                a["joints"][j, m, 6 * i + 3 : 6 * i + 6] = (R * R_OT).as_euler("XYZ")
+                joints.append(inverse(R * R_OT, p + R.apply(p_OT)))
                 if hold.contact is not None:
                     a["p_OC_O"][j, m, i], a["n_O"][j, m, i], a["x_O"][j, m, i] = hold.contact(float(u))
+            a["joints"][j, m] = np.concatenate(joints)
             for i, rest in enumerate(interval.rests):
                 a["support_p_O"][j, m, i], a["support_n_W"][j, m, i] = rest.point(float(u)), rest.normal
             a["force_W"][j, m], a["support_force_W"][j, m] = _forces(interval, float(u), R)
@@ -249,7 +267,7 @@ def compose(world: World, intervals: Sequence[Interval], scene_data: dict[str, o
 
 
 def _forces(interval: Interval, u: float, R: Rotation) -> tuple[Array, Array]:
-    """Forces of agents and supports in W: nominal ones, those of sticking contacts corrected least to balance exactly."""
+    """Forces of agents and supports in W: nominal ones; sticking tips' are corrected least to balance exactly."""
     points, nominal, free = [], [], []
     for hold in interval.holds:
         if hold.contact is None:
@@ -264,10 +282,10 @@ def _forces(interval: Interval, u: float, R: Rotation) -> tuple[Array, Array]:
         free.append(hold.slip is None)
     for rest in interval.rests:
         points.append(R.apply(rest.point(u)))
-        nominal.append(rest.force * WEIGHT)
+        nominal.append(rest.force(u) * WEIGHT)
         free.append(False)
     forces, arms = np.array(nominal), np.array(points)
-    wrench = np.concatenate([forces.sum(0) + [0, 0, -WEIGHT], np.cross(arms, forces).sum(0)])
+    wrench = np.concatenate([forces.sum(0) - np.array([0, 0, WEIGHT]), np.cross(arms, forces).sum(0)])
     at = np.flatnonzero(free)
     G = np.concatenate([np.concatenate([np.eye(3), np.cross(arms[i], np.eye(3)).T]) for i in at], axis=1)
     scale = np.array([1, 1, 1, 1 / BALL, 1 / BALL, 1 / BALL])

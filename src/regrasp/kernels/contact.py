@@ -20,8 +20,12 @@ import math
 
 from numba import njit
 
-from regrasp.kernels.rotations import dot, norm, rodrigues
+from regrasp.kernels.rotations import Array, Triple, dot, norm, rodrigues
 from regrasp.kernels.surfaces import bend, field, frame
+
+Columns = tuple[Triple, Triple, Triple]
+Pair = tuple[int, Array, int, Array]
+Motion = tuple[float, float, float, float]
 
 OK = 0
 FLAT = 1  # the surfaces touch along a line or a face (S_O + S_T is singular): the motion of the contact is not defined
@@ -38,44 +42,44 @@ _ITERATIONS = 20
 
 
 @njit(cache=True, nogil=True)
-def _triple(a):
+def _triple(a: Array) -> Triple:
     return a[0], a[1], a[2]
 
 
 @njit(cache=True, nogil=True)
-def _columns(R):
+def _columns(R: Array) -> Columns:
     return (R[0, 0], R[1, 0], R[2, 0]), (R[0, 1], R[1, 1], R[2, 1]), (R[0, 2], R[1, 2], R[2, 2])
 
 
 @njit(cache=True, nogil=True)
-def _plus(a, k, b):
+def _plus(a: Triple, k: float, b: Triple) -> Triple:
     """a + k b."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
 @njit(cache=True, nogil=True)
-def _cross(a, b):
+def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, nogil=True)
-def _along(x, y, a_x, a_y):
+def _along(x: Triple, y: Triple, a_x: float, a_y: float) -> Triple:
     """a_x x + a_y y."""
     return a_x * x[0] + a_y * y[0], a_x * x[1] + a_y * y[1], a_x * x[2] + a_y * y[2]
 
 
 @njit(cache=True, nogil=True)
-def _to_object(R, a):
+def _to_object(R: Columns, a: Triple) -> Triple:
     return _plus(_along(R[0], R[1], a[0], a[1]), a[2], R[2])
 
 
 @njit(cache=True, nogil=True)
-def _to_tip(R, a):
+def _to_tip(R: Columns, a: Triple) -> Triple:
     return dot(R[0], a), dot(R[1], a), dot(R[2], a)
 
 
 @njit(cache=True, nogil=True)
-def _turn(w, R):
+def _turn(w: Triple, R: Columns) -> Columns:
     """exp([w]) R."""
     s, c = rodrigues(dot(w, w))
     u0, u1, u2 = _cross(w, R[0]), _cross(w, R[1]), _cross(w, R[2])
@@ -87,13 +91,13 @@ def _turn(w, R):
 
 
 @njit(cache=True, nogil=True)
-def _unit(a):
+def _unit(a: Triple) -> Triple:
     length = norm(a)
     return a[0] / length, a[1] / length, a[2] / length
 
 
 @njit(cache=True, nogil=True)
-def _transport(n, m, x):
+def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     """The unit tangent x at normal n, carried to the normal m by the smallest rotation that takes n to m.
 
     Along a path of contact points this is parallel transport, to third order in the step between n and m.
@@ -104,12 +108,12 @@ def _transport(n, m, x):
 
 
 @njit(cache=True, nogil=True)
-def _retract(kind, size, p):
+def _retract(kind: int, size: Array, p: Triple) -> tuple[Triple, Triple]:
     """(point on the surface near p, outward unit normal there), by Newton's method along ∇F."""
     F, g = field(kind, size, p)
     for _ in range(_ITERATIONS):
         slope = dot(g, g)
-        # |F|/|∇F| is the distance to the surface to first order; the curvature it stands against is 1/|p| or more.
+        # |F|/|∇F| is the distance to the surface to first order, and p itself is known to round-off only.
         if abs(F) <= 1e-15 * math.sqrt(slope * dot(p, p)):
             break
         p = _plus(p, -F / slope, g)
@@ -118,7 +122,7 @@ def _retract(kind, size, p):
 
 
 @njit(cache=True, nogil=True)
-def _curvature(kind, size, p, x, y):
+def _curvature(kind: int, size: Array, p: Triple, x: Triple, y: Triple) -> Triple:
     """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
     F, g = field(kind, size, p)
     length = norm(g)
@@ -127,7 +131,18 @@ def _curvature(kind, size, p, x, y):
 
 
 @njit(cache=True, nogil=True)
-def _solve(pair, p, c, R, x, y, turn_x, turn_y, v_x, v_y):
+def _solve(
+    pair: Pair,
+    p: Triple,
+    c: Triple,
+    R: Columns,
+    x: Triple,
+    y: Triple,
+    turn_x: float,
+    turn_y: float,
+    v_x: float,
+    v_y: float,
+) -> tuple[int, float, float, Triple, Triple]:
     """(status, ṗ_x, ṗ_y, S_O, S_T) of (S_O + S_T) ṗ = turn + S_T v, all on the object's tangents x, y."""
     kind_O, size_O, kind_T, size_T = pair
     S_O = _curvature(kind_O, size_O, p, x, y)
@@ -142,7 +157,7 @@ def _solve(pair, p, c, R, x, y, turn_x, turn_y, v_x, v_y):
 
 
 @njit(cache=True, nogil=True)
-def _chord(S, x, y, d_x, d_y):
+def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     """The chord under a geodesic arc of length and direction d at its middle, to third order: d − (dᵀSd) Sd/24."""
     t_x, t_y = S[0] * d_x + S[1] * d_y, S[1] * d_x + S[2] * d_y
     k = (d_x * t_x + d_y * t_y) / 24.0
@@ -150,7 +165,9 @@ def _chord(S, x, y, d_x, d_y):
 
 
 @njit(cache=True, nogil=True)
-def _rates(pair, p, c, R, n, x, command):
+def _rates(
+    pair: Pair, p: Triple, c: Triple, R: Columns, n: Triple, x: Triple, command: Motion
+) -> tuple[int, Triple, Triple, Triple]:
     """(status, ṗ_O, ċ_T, ω_O) for a motion `command` given on the tangents x and n × x."""
     w_x, w_y, v_x, v_y = command
     y = _cross(n, x)
@@ -159,7 +176,19 @@ def _rates(pair, p, c, R, n, x, command):
 
 
 @njit(cache=True, nogil=True)
-def contact_rates(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT, w_O, v_O, pdot_O, cdot_T):
+def contact_rates(
+    kind_O: int,
+    size_O: Array,
+    kind_T: int,
+    size_T: Array,
+    p_OC: Array,
+    p_TC: Array,
+    R_OT: Array,
+    w_O: Array,
+    v_O: Array,
+    pdot_O: Array,
+    cdot_T: Array,
+) -> int:
     """Montana's contact equations for any relative motion: velocities of the contact over both surfaces.
 
     `w_O`, `v_O` (3,): angular velocity of the tip relative to the object, spin included, and velocity of the tip's
@@ -183,7 +212,7 @@ def contact_rates(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT, w_O, v_O, pd
 
 
 @njit(cache=True, nogil=True)
-def _settle(pair, p, c, R):
+def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, Triple, Triple, Triple]:
     """(status, first angle between the normals, p, c, n): see `settle`."""
     kind_O, size_O, kind_T, size_T = pair
     first, best = 0.0, math.inf
@@ -211,7 +240,9 @@ def _settle(pair, p, c, R):
 
 
 @njit(cache=True, nogil=True)
-def settle(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT):
+def settle(
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, p_OC: Array, p_TC: Array, R_OT: Array
+) -> tuple[int, float]:
     """Bring an approximate contact back onto both surfaces with opposed normals, at the given orientation of the tip.
 
     Newton's method on n_O(p) + R n_T(c) = 0 moves the two contact points by the same δ, (S_O + S_T) δ = −(n_O + R n_T):
@@ -226,7 +257,9 @@ def settle(kind_O, size_O, kind_T, size_T, p_OC, p_TC, R_OT):
 
 
 @njit(cache=True, nogil=True)
-def _midpoint(pair, command, p, c, R, x, n):
+def _midpoint(
+    pair: Pair, command: Motion, p: Triple, c: Triple, R: Columns, x: Triple, n: Triple
+) -> tuple[int, float, Triple, Triple, Columns, Triple, Triple]:
     """One step of the midpoint rule, settled: (status, gap, p, c, R, x, n)."""
     status, pdot, cdot, w = _rates(pair, p, c, R, n, x, command)
     if status != OK:
@@ -239,7 +272,7 @@ def _midpoint(pair, command, p, c, R, x, n):
     status, p_x, p_y, S_O, S_T = _solve(pair, p_mid, c_mid, R_mid, x_mid, y_mid, w_y, -w_x, v_x, v_y)
     if status != OK:
         return status, 0.0, p, c, R, x, n
-    # Chords instead of arcs: between surfaces of constant curvature the step is exact.
+    # Chords instead of arcs: a step of the arc's length would fall short on the more curved of the two surfaces.
     p = _plus(p, 1.0, _chord(S_O, x_mid, y_mid, p_x, p_y))
     c = _plus(c, 1.0, _to_tip(R_mid, _chord(S_T, x_mid, y_mid, p_x - v_x, p_y - v_y)))
     R = _turn(_along(x_mid, y_mid, w_x, w_y), R)
@@ -248,7 +281,7 @@ def _midpoint(pair, command, p, c, R, x, n):
 
 
 @njit(cache=True, nogil=True)
-def _substep(pair, command, p_OC, p_TC, R_OT, x_O):
+def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array) -> int:
     """Move the state by `command` in place; in parts where it crosses a seam, at which the midpoint rule overshoots."""
     if command[0] == 0.0 and command[1] == 0.0 and command[2] == 0.0 and command[3] == 0.0:
         return OK
@@ -275,7 +308,18 @@ def _substep(pair, command, p_OC, p_TC, R_OT, x_O):
 
 
 @njit(cache=True, nogil=True)
-def advance(kind_O, size_O, kind_T, size_T, command, substeps, p_OC, p_TC, R_OT, x_O):
+def advance(
+    kind_O: int,
+    size_O: Array,
+    kind_T: int,
+    size_T: Array,
+    command: Array,
+    substeps: int,
+    p_OC: Array,
+    p_TC: Array,
+    R_OT: Array,
+    x_O: Array,
+) -> int:
     """Integrate the contact equations over a motion, in place; second order in 1/substeps, free of drift.
 
     `command` (4,) is the whole motion of the tip relative to the object, (ω_x, ω_y) [rad] and (v_x, v_y) [m] along the
@@ -293,7 +337,17 @@ def advance(kind_O, size_O, kind_T, size_T, command, substeps, p_OC, p_TC, R_OT,
 
 
 @njit(cache=True, nogil=True)
-def advance_path(kind_O, size_O, kind_T, size_T, command, p_OC, p_TC, R_OT, x_O):
+def advance_path(
+    kind_O: int,
+    size_O: Array,
+    kind_T: int,
+    size_T: Array,
+    command: Array,
+    p_OC: Array,
+    p_TC: Array,
+    R_OT: Array,
+    x_O: Array,
+) -> int:
     """`advance` with the state after every substep kept: p_OC, p_TC, x_O (substeps + 1, 3), R_OT (substeps + 1, 3, 3).
 
     Row 0 is the state at the start; the other rows are written, up to the substep that fails, which is returned as

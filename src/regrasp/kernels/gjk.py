@@ -15,6 +15,7 @@ from regrasp.kernels.rotations import Array
 ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
 BRACKET = 1e-9  # m between the two bounds
 TOUCH = 1e-10  # m below which the cores overlap
+PUSHES = 4  # steps that refine the depth of an overlap
 
 
 @njit(cache=True, nogil=True)
@@ -82,57 +83,28 @@ def _minkowski(
 
 
 @njit(cache=True, nogil=True)
-def _depth(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector,
-    simplex: tuple[Vector, Vector, Vector, Vector], depth: float,
-) -> float:  # fmt: skip
-    """Least shift, at most `depth`, that parts overlapping cores along an axis of either or a normal of a simplex.
+def _nearest(
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, limit: float
+) -> tuple[float, Vector]:
+    """Distance of D from the origin and its nearest point v; o = p_B − p_A.
 
-    Every direction gives an upper bound of the depth; GJK's last simplex knows the one that matters in shallow overlaps.
+    Returns early with a lower bound above limit. If D holds the origin: minus the least depth that the directions tried
+    show, with the direction that shows it, pointing into D.
     """
-    a, b, c, w = simplex
-    for i in range(10):
-        if i < 3:
-            u = (R_A[0, i], R_A[1, i], R_A[2, i])
-        elif i < 6:
-            u = (R_B[0, i - 3], R_B[1, i - 3], R_B[2, i - 3])
-        elif i == 6:
-            u = _cross(_sub(a, w), _sub(b, w))
-        elif i == 7:
-            u = _cross(_sub(b, w), _sub(c, w))
-        elif i == 8:
-            u = _cross(_sub(c, w), _sub(a, w))
-        else:
-            u = _cross(_sub(a, c), _sub(b, c))
-        length = math.sqrt(_dot(u, u))
-        if length > 0.0:
-            back = (-u[0], -u[1], -u[2])
-            depth = min(depth, _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)) / length)
-            depth = min(depth, _dot(back, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, back)) / length)
-    return max(depth, 0.0)
-
-
-@njit(cache=True, nogil=True)
-def gap(
-    kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array, limit: float
-) -> float:
-    """Distance in m between two cores (not PLANE) in W; if they overlap, minus a depth no less than the true one.
-
-    Returns early, with a lower bound of the distance, as soon as one exceeds limit.
-    """
-    o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
     v, length = o, math.sqrt(_dot(o, o))
     if length <= TOUCH:
-        return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (o, o, o, o), math.inf)
-    lower, upper = -math.inf, math.inf
+        return -math.inf, v
+    lower, upper, direction = -math.inf, math.inf, v
     a, b, c, count = v, v, v, 0
     for _ in range(ITERATIONS):
         w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-v[0], -v[1], -v[2]))
-        lower = max(lower, _dot(v, w) / length)
-        if lower > limit:
-            return lower
-        if upper - lower <= BRACKET:
-            return upper
+        bound = _dot(v, w) / length
+        if bound > lower:
+            lower, direction = bound, v
+            if lower > limit:
+                return lower, v
+            if upper - lower <= BRACKET:
+                return upper, v
         # The simplex is the `count` first of a, b, c, and w; keep what carries its nearest point, w last.
         if count == 0:
             u, a, count = w, w, 1
@@ -168,7 +140,7 @@ def gap(
                 if _dot(p, p) < best:
                     u, with_1, with_2, best, face = p, with_p, with_q, _dot(p, p), 3
             if face == 0:
-                break
+                break  # inside the tetrahedron
             if face == 2:
                 a, b = b, c
             elif face == 3:
@@ -185,8 +157,47 @@ def gap(
         if length <= TOUCH:
             break
         if length >= upper:  # round-off has the last word
-            return upper
-        v, upper = u, length
-    else:
-        return upper
-    return -_depth(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (a, b, c, w), -lower)
+            return upper, v
+        v, length, upper = u, length, length
+    if lower > TOUCH:  # proven apart, whatever round-off made of the simplex
+        return upper, v
+    return lower, direction
+
+
+@njit(cache=True, nogil=True)
+def gap(
+    kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array, limit: float
+) -> float:
+    """Distance in m between two cores (not PLANE) in W; if they overlap, minus the length of a shift that parts them.
+
+    The shift is a local minimum over the directions, never shorter than the true depth, which it meets in shallow
+    overlaps. Returns early, with a lower bound of the distance, as soon as one exceeds limit.
+    """
+    o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
+    value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, o, limit)
+    if value > 0.0:
+        return value
+    depth, length = -value, math.sqrt(_dot(v, v))
+    s = -1.0 / length if length > 0.0 else 0.0
+    n = (s * v[0], s * v[1], s * v[2])
+    for i in range(12):
+        R, s = (R_A if i < 6 else R_B), (1.0 if i % 2 else -1.0)
+        k = (i % 6) // 2
+        u = (s * R[0, k], s * R[1, k], s * R[2, k])
+        h = _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
+        if h < depth:
+            depth, n = h, u
+    # Push D out along n, further than needed: the nearest point there shows a direction that is no worse.
+    for _ in range(PUSHES):
+        m = 2.0 * depth + 1e-6
+        shifted = (o[0] - m * n[0], o[1] - m * n[1], o[2] - m * n[2])
+        value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, shifted, math.inf)
+        if value <= 0.0:
+            break
+        length = math.sqrt(_dot(v, v))
+        u = (-v[0] / length, -v[1] / length, -v[2] / length)
+        h = _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
+        if h >= depth - BRACKET:
+            break
+        depth, n = h, u
+    return -max(depth, 0.0)

@@ -203,8 +203,9 @@ def inverse_point(
 
     The point comes first: the direction R_WT axis_T ≈ axis_W (unit vectors) is improved only along motions that keep
     the point, each followed by a return to it, so that the angle never grows and the point is never traded for it.
-    Any number of joints; within the joint limits. Returns (residual, angle): |Δp| in m, < 1e-10 where the point
-    is reached, and the angle in rad left between R_WT axis_T and axis_W, a local minimum.
+    Any number of joints, within their limits; axis_T = 0 asks for no direction. Returns (residual, angle): |Δp| in m,
+    < 1e-10 where the point is reached, and the angle in rad left between R_WT axis_T and axis_W, a local minimum as far
+    as ITERATIONS go.
     R_WL, p_WL are left as `forward` writes them for the q found.
     """
     first = chains.start[a]
@@ -238,12 +239,12 @@ def inverse_point(
         if residual_new < TOLERANCE and angle_new < angle:
             gain = angle - angle_new
             residual, angle = residual_new, angle_new
-            damping *= 0.1
+            damping *= 0.3
             if gain < ANGLE and share == 1.0:
                 break
         else:
             q[:] = best
             forward(chains, a, q, R_WL, p_WL)
             _turn(R_WL[n], axis_T, axis_W, d, e)
-            damping = max(4.0 * damping, 0.1)
+            damping = max(4.0 * damping, 0.03)
     return residual, angle

@@ -10,6 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+Vector = Array | Triple
 
 
 @njit(cache=True, nogil=True)
@@ -22,14 +24,14 @@ def cross(a: Array, b: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def dot(a: Array, b: Array) -> float:
-    """aᵀb of two 3-vectors."""
+def dot(a: Vector, b: Vector) -> float:
+    """aᵀb of two 3-vectors, arrays or triples."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, nogil=True)
-def norm(a: Array) -> float:
-    """Euclidean length of a 3-vector."""
+def norm(a: Vector) -> float:
+    """Euclidean length of a 3-vector, array or triple."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 

@@ -22,13 +22,13 @@ import math
 import numpy as np
 from numba import njit
 
-from regrasp.kernels.rotations import Array, norm
+from regrasp.kernels.rotations import Array, Triple, Vector, norm
 
 SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, PLANE = range(6)
 
 
 @njit(cache=True, nogil=True)
-def field(kind, size, p):
+def field(kind: int, size: Array, p: Vector) -> tuple[float, Triple]:
     """(F, ∇F) at the point p, a triple or an array; where F has a kink (axis, centre) ∇F is a one-sided gradient."""
     x, y, z = p[0], p[1], p[2]
     if kind == SPHERE or kind == CAPSULE:  # noqa: SIM109
@@ -52,7 +52,7 @@ def field(kind, size, p):
 
 
 @njit(cache=True, nogil=True)
-def _rectangle(q_r, q_z, e):
+def _rectangle(q_r: float, q_z: float, e: float) -> Triple:
     """Distance to a rectangle dilated by e, with its gradient, from the distances beyond the rectangle's two sides."""
     o_r, o_z = max(q_r, 0.0), max(q_z, 0.0)
     outside = math.sqrt(o_r * o_r + o_z * o_z)
@@ -64,7 +64,7 @@ def _rectangle(q_r, q_z, e):
 
 
 @njit(cache=True, nogil=True)
-def _box(size, x, y, z):
+def _box(size: Array, x: float, y: float, z: float) -> tuple[float, Triple]:
     e = size[3]
     q_x, q_y, q_z = abs(x) - (size[0] - e), abs(y) - (size[1] - e), abs(z) - (size[2] - e)
     s_x, s_y, s_z = 1.0 if x >= 0.0 else -1.0, 1.0 if y >= 0.0 else -1.0, 1.0 if z >= 0.0 else -1.0
@@ -80,7 +80,7 @@ def _box(size, x, y, z):
 
 
 @njit(cache=True, nogil=True)
-def bend(kind, size, p, F, g, u):
+def bend(kind: int, size: Array, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     """∇²F u at the point p, from F and g = ∇F there; p, g, u and the value are triples (p and u may be arrays)."""
     if kind == ELLIPSOID:
         return u[0] / (size[0] * size[0]), u[1] / (size[1] * size[1]), u[2] / (size[2] * size[2])
@@ -104,7 +104,7 @@ def bend(kind, size, p, F, g, u):
 
 
 @njit(cache=True, nogil=True)
-def _bend_cylinder(size, p, F, g, u):
+def _bend_cylinder(size: Array, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
     thin, low = size[0] <= size[3], size[1] <= size[3]  # the core is a segment, a disc, or a point
     if rho == 0.0:
@@ -122,7 +122,7 @@ def _bend_cylinder(size, p, F, g, u):
 
 
 @njit(cache=True, nogil=True)
-def implicit(kind, size, p, g, H):
+def implicit(kind: int, size: Array, p: Array, g: Array, H: Array) -> float:
     """F at p (3,), with g (3,) = ∇F [1; 1/m for the ellipsoid] and H (3, 3) = ∇²F [1/m; 1/m² for the ellipsoid]."""
     F, gradient = field(kind, size, p)
     g[0], g[1], g[2] = gradient
@@ -133,7 +133,7 @@ def implicit(kind, size, p, g, H):
 
 
 @njit(cache=True, nogil=True)
-def shape_operator(kind, size, p, n, S):
+def shape_operator(kind: int, size: Array, p: Array, n: Array, S: Array) -> float:
     """F at p (3,), with the outward unit normal n (3,) = ∇F/|∇F| and S (3, 3) = (I−nnᵀ) ∇²F (I−nnᵀ)/|∇F| [1/m].
 
     S maps a tangent velocity ṗ to ṅ; it is positive semi-definite on convex surfaces.
@@ -154,7 +154,7 @@ def shape_operator(kind, size, p, n, S):
 
 
 @njit(cache=True, nogil=True)
-def project(kind, size, p, foot, n):
+def project(kind: int, size: Array, p: Array, foot: Array, n: Array) -> float:
     """Signed distance [m] of p (3,) to the surface (negative inside), with the closest point foot (3,), normal n (3,).
 
     Where the closest point is not unique (centre, axis, medial planes) one of them is returned. foot may be p.
@@ -169,7 +169,7 @@ def project(kind, size, p, foot, n):
 
 
 @njit(cache=True, nogil=True)
-def _project_ellipsoid(size, p, foot, n):
+def _project_ellipsoid(size: Array, p: Array, foot: Array, n: Array) -> float:
     # foot_i = a_i² p_i / (t + a_i²) with t the root of |q(t)| = 1, q_i = a_i p_i / (t + a_i²) (Eberly, Distance from a
     # Point to an Ellipsoid). s = t + a_min² keeps its digits where t runs into the pole −a_min². 1/|q| is concave and
     # increasing in s, so Newton's method on it, once left of the root, climbs to it without overshoot (Moré, Hebden).
@@ -218,7 +218,7 @@ def _project_ellipsoid(size, p, foot, n):
 
 
 @njit(cache=True, nogil=True)
-def frame(n):
+def frame(n: Vector) -> tuple[Triple, Triple]:
     """Unit tangents (x, y), two triples with (x, y, n) right-handed, as a fixed function of the unit normal n.
 
     Duff et al., Building an Orthonormal Basis, Revisited (JCGT 2017), with the branch cut moved off the equator: the
@@ -232,7 +232,7 @@ def frame(n):
 
 
 @njit(cache=True, nogil=True)
-def tangents(n, x, y):
+def tangents(n: Array, x: Array, y: Array) -> None:
     """Write the tangents of `frame` at the unit normal n (3,) to x (3,) and y (3,)."""
     (x[0], x[1], x[2]), (y[0], y[1], y[2]) = frame(n)
 
@@ -254,15 +254,16 @@ def sample(kind: int, size: Array, count: int) -> tuple[Array, Array]:
         points = _sample_ellipsoid(size, count)
     else:
         points = _sample_revolution(kind, size, count)
-    normals: Array = np.empty((count, 3))
+    normals = np.empty((count, 3))
     for point, normal in zip(points, normals, strict=True):
         project(kind, size, point, point, normal)
     return points, normals
 
 
 def _lattice(count: int) -> tuple[Array, Array]:
-    i = np.arange(count)
-    return (i + 0.5) / count, (0.5 + i * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
+    i = np.arange(count, dtype=np.float64)
+    v: Array = (0.5 + i * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
+    return (i + 0.5) / count, v
 
 
 def _sample_revolution(kind: int, size: Array, count: int) -> Array:

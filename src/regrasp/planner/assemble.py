@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from regrasp import __version__
 from regrasp.plan import Plan
 from regrasp.planner.motion import Motion
 from regrasp.planner.path import Pose
@@ -139,5 +140,5 @@ def assemble(
 
 def versions() -> dict[str, str]:
     """Versions of what made a plan."""
-    names = ("regrasp", "mujoco", "numba", "numpy", "scipy")
-    return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in names}}
+    names = ("mujoco", "numba", "numpy", "scipy")
+    return {"regrasp": __version__, "python": platform.python_version(), **{name: importlib.metadata.version(name) for name in names}}

@@ -4,7 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.forces import EDGES, OPTIMAL, Program, friction_edges, ray, solve
+from regrasp.kernels.basis import Program
+from regrasp.kernels.forces import EDGES, friction_edges, ray
+from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y

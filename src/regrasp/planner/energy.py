@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.forces import EDGES, Program, program
+from regrasp.kernels.basis import Program, program
+from regrasp.kernels.forces import EDGES
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance, is_sliding, slide_direction
 from regrasp.planner.collision import block_hit, place, tip_hit

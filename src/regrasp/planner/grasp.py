@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.forces import EDGES, Program, program
+from regrasp.kernels.basis import Program, program
+from regrasp.kernels.forces import EDGES
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
@@ -30,7 +31,7 @@ class GraspSearch:
     restarts: choices improved. friction_use: part of μ the start grasp may use, so that the motion has some left.
     """
 
-    restarts: int = 12
+    restarts: int = 6
     friction_use: float = 0.6
 
 
@@ -125,12 +126,14 @@ def given_grasp(
 @njit(cache=True, nogil=True)
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, state: State, terms: Terms, agents: NDArray[np.int64],
-    choice: NDArray[np.int64], margin: float, kept: Array, ahead: Array, lp: Program,
+    choice: NDArray[np.int64], margin: float, kept: Array, ahead: Array,
+    bound: float, lp: Program,
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
     kept (agents, C): part of the path on which each can keep its contact; ahead (agents, C, LOOKS + 1, n_max): its joints
-    there. inf without equilibrium or where two agents collide at the start.
+    there. inf without equilibrium, where two agents collide at the start, or
+    as soon as it is known not to be below the bound.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int8)
@@ -142,6 +145,8 @@ def grasp_cost(
         p[i] = scan.p_O[choice[a]]
         normal[i] = scan.n_O[choice[a]]
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
+    if cost >= bound:
+        return np.inf
     held, value, _ = balance(hand, path, 0, 0, bears, codes, p, normal, t, margin, lp)
     if not held:
         return np.inf
@@ -151,6 +156,8 @@ def grasp_cost(
         cost += 2.0 * terms.outlook
     else:
         cost += value
+    if cost >= bound:
+        return np.inf
     for look in range(LOOKS + 1):
         R_WG, p_WG = state.R_WG[0].copy(), state.p_WG[0].copy()
         for a in range(len(agents)):
@@ -206,12 +213,13 @@ def find_grasp(
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
+    margin = 1.0 - settings.friction_use
     tries = 0
     improved = 0
     while improved < settings.restarts and tries < 200 * settings.restarts:
         tries += 1
         choice = np.array([rng.choice(free) for free in legal])
-        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, 1.0 - settings.friction_use, kept, ahead, lp)
+        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, margin, kept, ahead, np.inf, lp)
         if cost == np.inf:
             continue
         improved += 1
@@ -222,9 +230,7 @@ def find_grasp(
                 for c in free:
                     trial = choice.copy()
                     trial[a] = c
-                    value = grasp_cost(
-                        hand, path, scan, state, terms, agents, trial, 1.0 - settings.friction_use, kept, ahead, lp
-                    )
+                    value = grasp_cost(hand, path, scan, state, terms, agents, trial, margin, kept, ahead, cost, lp)
                     if value < cost - 1e-9:
                         cost, choice, changed = value, trial, True
         if cost < best:

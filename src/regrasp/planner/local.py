@@ -15,7 +15,9 @@ from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Relocation, Scan, new_scan
 from regrasp.planner.state import empty_state
-from regrasp.search.annealing import Annealing, anneal
+from regrasp.search.annealing import Settings as Annealing
+from regrasp.search.annealing import State as AnnealingState
+from regrasp.search.annealing import anneal
 
 Codes = NDArray[np.int8]
 
@@ -67,15 +69,18 @@ class ContactMotions:
         self.work = new_work(hand, path, scan)
         self.reset(V)
 
-    def reset(self, V: Codes) -> float:
-        """Take V as the current state, evaluated from scratch; its energy."""
+    def reset(self, V: Codes) -> None:
+        """Take V as the current state, evaluated from scratch."""
         n = len(V)
-        self.energy, stop = evaluate(
+        self._energy, stop = evaluate(
             self.hand, self.path, self.scan, self.terms, V, 0, n - 1, np.inf, True, self.current, self.trial, self.work
         )
         adopt(self.hand, self.trial, self.current, 0, stop)
         self.stop = 0
-        return self.energy
+
+    def energy(self) -> float:
+        """E of the current V."""
+        return self._energy
 
     def propose(self, rng: np.random.Generator) -> Change:
         """One agent does another motion over a run of intervals, or a change of motion moves to another time."""
@@ -100,15 +105,19 @@ class ContactMotions:
 
     def evaluate(self, move: Change, bound: float) -> float:
         """E of the proposed V, or inf as soon as it is known to exceed the bound."""
-        E, self.stop = evaluate(
+        self._tried, self.stop = evaluate(
             self.hand, self.path, self.scan, self.terms, move.V, move.first, move.final, bound, False,
             self.current, self.trial, self.work,
         )  # fmt: skip
-        return float(E)
+        return self._tried
 
     def accept(self, move: Change) -> None:
         """Make the proposed V the current one."""
         adopt(self.hand, self.trial, self.current, move.first, self.stop)
+        self._energy = self._tried
+
+    def reject(self, move: Change) -> None:
+        """Keep the current V: the trial is written anew by the next evaluation."""
 
     def snapshot(self) -> Codes:
         """The current V."""
@@ -136,8 +145,8 @@ def plan_arc(
     worst: Motion | None = None
     for _ in range(settings.attempts):
         problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, rng))
-        result = anneal(problem, problem.energy, settings.annealing, rng, watcher(report, stage))
-        history.append(result.energy)
+        result = anneal(problem, settings.annealing, rng, watcher(report, stage, settings.annealing.iterations))
+        history.append(np.asarray(result.energies))
         problem.reset(result.best)
         motion = detail(hand, path, scan, terms, problem.current, result.best, problem.work, names)
         if not motion.violations:
@@ -148,11 +157,13 @@ def plan_arc(
     return failure_of(worst, stage, n)
 
 
-def watcher(report: Report, stage: str) -> Callable[[int, int, float, float], None]:
-    """The annealing's reports as Progress of this stage."""
+def watcher(report: Report, stage: str, total: int) -> Callable[[AnnealingState[Codes]], bool]:
+    """The annealing's hook: tells its state as Progress of this stage, never stops it."""
 
-    def tell(done: int, total: int, energy: float, best: float) -> None:
-        report(Progress(stage, done, total, energy, best))
+    def tell(state: AnnealingState[Codes]) -> bool:
+        if state.iteration % 50 == 0:
+            report(Progress(stage, state.iteration, total, state.energy, state.best_energy))
+        return False
 
     return tell
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse, inverse_point
-from regrasp.kernels.forces import Program
+from regrasp.kernels.basis import Program
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, sample
 from regrasp.planner.balance import balance

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.forces import EDGES, OPTIMAL, friction_edges, program, solve
+from regrasp.kernels.basis import program
+from regrasp.kernels.forces import EDGES, friction_edges
+from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import sample, tangents
 from regrasp.planner.collision import block_hit, closer, place
 from regrasp.planner.hand import Hand
@@ -18,7 +20,7 @@ from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.poses import FREE, Node, PoseGrid
 from regrasp.planner.supports import TOUCH, Support, touching
-from regrasp.search.astar import AStar, Found, Settings
+from regrasp.search import astar
 
 Array = NDArray[np.float64]
 NEAR_INFINITE = 1e6
@@ -48,10 +50,7 @@ class Router:
 
     def __init__(self, hand: Hand, grid: PoseGrid, supports: tuple[Support, ...], up_W: Array, settings: GlobalPlanner):
         self.hand, self.grid, self.supports, self.up_W, self.settings = hand, grid, supports, up_W, settings
-        self.search = AStar(
-            grid.neighbours, self.cost, self.estimate,
-            Settings(weight=settings.weight, nodes=settings.nodes),
-        )  # fmt: skip
+        self.penalties: astar.Penalties[Node] = astar.Penalties()
         self._free: dict[tuple[Node, Node], bool] = {}
         self._force: dict[Node, float] = {}
         count = hand.object_geom + 1
@@ -122,19 +121,23 @@ class Router:
             return length  # the least force is the same everywhere
         return length * (1.0 + self.settings.force * 0.5 * (self.least_force(a) + self.least_force(b)))
 
-    def estimate(self, node: Node) -> float:
+    def neighbours(self, node: Node) -> list[Node]:
+        """Where an arc may lead from a node (`PoseGrid.neighbours`)."""
+        return self.grid.neighbours(node)
+
+    def heuristic(self, node: Node) -> float:
         """Length of the straight way to the goal: never more than the cost, as the length is a metric."""
         return self.grid.length(node, self.grid.goal, self.hand.radius)
 
     def route(self, start: Node) -> list[Node] | Failure:
         """Subgoals from a node to the goal, as few as keep the route free and no dearer, or why there are none."""
-        result = self.search.run(start, self.grid.goal)
-        if not isinstance(result, Found):
+        result = astar.find(self, start, self.grid.goal, self.penalties, self.settings.weight, self.settings.nodes)
+        if isinstance(result, astar.Failure):
             return Failure(
                 "route", "global planner", "object", f"no way to the goal among the obstacles ({result.reason})",
                 "a finer planner.route.step, more planner.route.nodes, or a goal that can be reached",
             )  # fmt: skip
-        return self._straightened(list(result.path))
+        return self._straightened(list(result.nodes))
 
     def _straightened(self, path: list[Node]) -> list[Node]:
         """Leave out subgoals between which the object may as well go straight."""
@@ -143,13 +146,17 @@ class Router:
             here = path.index(out[-1])
             step = here + 1
             for far in range(len(path) - 1, here + 1, -1):
-                along = sum(self.search.edge_cost(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
-                if self.search.edge_cost(path[here], path[far]) <= along * (1.0 + 1e-9):
+                along = sum(self.raised(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
+                if self.raised(path[here], path[far]) <= along * (1.0 + 1e-9):
                     step = far
                     break
             out.append(path[step])
         return out
 
+    def raised(self, a: Node, b: Node) -> float:
+        """Cost of an arc with what failures have added to it."""
+        return self.penalties.apply(a, b, self.cost(a, b))
+
     def failed(self, a: Node, b: Node) -> None:
         """The local planner failed between a and b: raise that arc's cost, so that other routes are tried first."""
-        self.search.penalise(a, b, self.settings.penalty)
+        self.penalties.penalise(a, b, self.settings.penalty)

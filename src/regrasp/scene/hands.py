@@ -136,8 +136,8 @@ def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:
     for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
         if not name.startswith("_"):
             setattr(robot.option, name, getattr(spec.option, name))
-    frame = spec.worldbody.add_frame(pos=model.pose.p, quat=model.pose.wxyz)
-    spec.attach(robot, frame=frame, prefix=PREFIX)
+    base = spec.worldbody.add_body(name="robot", pos=model.pose.p, quat=model.pose.wxyz)
+    spec.attach(robot, frame=base.add_frame(), prefix=PREFIX)
 
 
 def _chain_joints(robot: mujoco.MjSpec, scene: Scene) -> list[mujoco.MjsJoint]:

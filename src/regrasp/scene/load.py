@@ -1,6 +1,7 @@
 """Scene files read and written: from a built-in name or a YAML file to a checked `Scene`, and back to YAML."""
 
 import difflib
+import re
 import typing
 from collections.abc import Iterable, Iterator
 from importlib import resources
@@ -13,10 +14,43 @@ from pydantic import BaseModel, ValidationError
 from regrasp.errors import InputError
 from regrasp.scene.schema import MODELS, ModelFile, Scene
 
+# What a wrong type is called where a scene's reader would not know pydantic's name for it.
+_TYPES = {
+    "tuple_type": "is not a list",
+    "dict_type": "is not a mapping",
+    "model_type": "is not a mapping",
+    "string_type": "is not a text",
+    "bool_parsing": "is neither true nor false",
+    "int_parsing": "is not a whole number",
+}
+
+
+class Loader(yaml.SafeLoader):
+    """Safe YAML in which only true and false are booleans, as in YAML 1.2: `off` is a key of scenes.
+
+    A key written twice is an error, where plain YAML would silently take the last.
+    """
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 - the base class declares it so
+        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":bool")]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"{key.value!r} is written twice", key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile("^(?:true|false)$"), ["t", "f"])
+
 
 def builtin() -> dict[str, str]:
     """Name → description of every built-in scene."""
-    return {name: yaml.safe_load(text)["description"] for name, text in sorted(_texts())}
+    return {name: yaml.load(text, Loader)["description"] for name, text in sorted(_texts())}
 
 
 def load(name_or_path: str | Path) -> Scene:
@@ -46,7 +80,7 @@ def load(name_or_path: str | Path) -> Scene:
 def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
     """The scene in a YAML text; `file` is what errors call it, `directory` where a relative model file counts from."""
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, Loader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}" if error.problem_mark else "YAML"
         raise InputError(line, error.problem or "not YAML", "check indentation, colons and brackets", file) from None
@@ -106,6 +140,8 @@ def _faults(error: ValidationError) -> Iterator[tuple[str, str, str]]:
                     f"{item['input']!r} is not a name",
                     "letters, digits, - and _, starting with a letter or digit",
                 )
+            case kind if kind in _TYPES:
+                yield field, f"{_short(item['input'])} {_TYPES[kind]}", ""
             case _:
                 yield field, item["msg"][0].lower() + item["msg"][1:], f"got {_short(item['input'])}"
 

@@ -37,7 +37,10 @@ def text(spec: mujoco.MjSpec) -> str:
             element.name = element.name or f"{kind}{i}"
     model = spec.compile()
     root = ElementTree.fromstring(spec.to_xml())
+    framed = {child for frame in root.iter("frame") if {"pos", "quat"} & set(frame.attrib) for child in frame.iter()}
     for element in root.iter():
+        if element in framed:
+            continue  # the compiled pose holds that of the frame already
         if element.tag == "body":
             _body(element, model)
         elif element.tag in ("joint", "freejoint") and element.get("name"):

@@ -83,7 +83,7 @@ def add_geoms(body: mujoco.MjsBody, shape: Object) -> None:
     """Adds the geoms object/0, object/1, … whose union is the solid, and the solid's own mass properties."""
     body.explicitinertial = True
     body.mass = shape.mass
-    body.ipos = [0.0, 0.0, 0.0]  # left unset, MuJoCo would write no inertial element into the XML
+    body.ipos, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     body.inertia = inertia(shape)
     G = mujoco.mjtGeom
     size, r = np.array(shape.size), shape.rounding

@@ -107,7 +107,11 @@ def build(scene: Scene) -> World:
         _set_friction(spec.geom(finger.tip), friction)
     for name, friction in zip(scene.supports, _support_friction(scene), strict=True):
         _set_friction(spec.geom(name), friction)
-    return _world(scene, mjcf.text(spec), dict(spec.assets))
+    try:
+        xml = mjcf.text(spec)
+    except ValueError as error:
+        raise InputError("model", f"MuJoCo cannot compile it: {' '.join(str(error).split())}") from None
+    return _world(scene, xml, dict(spec.assets))
 
 
 def from_plan(scene: Mapping[str, Any], xml: str, assets: Mapping[str, bytes]) -> World:

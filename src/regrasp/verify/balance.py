@@ -1,4 +1,4 @@
-"""Forces: friction cones, Coulomb's law at sliding contacts, limits, and equilibrium at and between the plan's samples."""
+"""Forces: friction cones, Coulomb's law at sliding contacts, limits, and equilibrium at and between samples."""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ PENALTY = 1e3
 
 @dataclass(frozen=True)
 class Grasp:
-    """Everything that pushes on the object at a set of instants (N, I): C = k + P contacts, agents first, then supports."""
+    """What pushes on the object at a set of instants (N, I): C = k + P contacts, agents first, then supports."""
 
     p_W: Array
     """(N, I, C, 3) contact points relative to the object's centre of mass."""
@@ -97,8 +97,8 @@ def force_findings(plan: Plan, world: World, motion: Motion, contacts: Contacts)
         worst("pull", "force of a contact away from the object", -normal, eps, "N", "jsx", time, who, bears[:, None]),
         worst("friction cone", "tangential force beyond μ times the normal force", excess, eps, "N",
               "jsx", time, who, sticks),
-        worst("sliding force", "tangential force of a sliding contact less μ times its normal force", np.abs(excess), eps,
-              "N", "jsx", time, who, slips),
+        worst("sliding force", "tangential force of a sliding contact less μ times its normal force",
+              np.abs(excess), eps, "N", "jsx", time, who, slips),
         worst("sliding direction", "tangential force of a sliding contact against the measured slip", lag, ALONG, "rad",
               "jsx", time, who, slips & (normal > eps)),
         worst("free of force", "force of an agent or support that is not in contact", np.linalg.norm(at.force, axis=-1),
@@ -130,8 +130,8 @@ def _grasp(plan: Plan, motion: Motion, contacts: Contacts, centre_O: Array, bear
     slip = np.concatenate([with_tip, -direction(support_steps(plan, motion))], axis=2)
     force = np.concatenate([fine(plan.force_W, K), fine(plan.support_force_W, K)], axis=2)
     absent = ~bears[:, None, :, None]
-    parts = [np.where(absent, 0.0, part) for part in (_rotate(R, points), inward, slip)]
-    return Grasp(*parts, force=force)
+    p_W, inward, slip = (np.where(absent, 0.0, part) for part in (_rotate(R, points), inward, slip))
+    return Grasp(p_W, inward, slip, force)
 
 
 def _stated(plan: Plan, motion: Motion, grasp: Grasp, centre_O: Array, bears: NDArray[np.bool_]) -> Grasp:
@@ -146,10 +146,10 @@ def _stated(plan: Plan, motion: Motion, grasp: Grasp, centre_O: Array, bears: ND
 
 
 def _residual(grasp: Grasp, what: Load) -> Array:
-    """(N, I): length of the wrench residual, force in weights and torque about the centre of mass in weights × radius."""
+    """(N, I): length of the wrench residual: force in weights, torque about the centre of mass in weights × radius."""
     force = (grasp.force.sum(axis=2) + what.gravity) / what.weight
     torque = np.cross(grasp.p_W, grasp.force).sum(axis=2) / (what.weight * what.radius)
-    return np.hypot(np.linalg.norm(force, axis=-1), np.linalg.norm(torque, axis=-1))
+    return np.asarray(np.hypot(np.linalg.norm(force, axis=-1), np.linalg.norm(torque, axis=-1)))
 
 
 def _balance_between(
@@ -169,8 +169,8 @@ def _correct(
 ) -> tuple[Array, Array]:
     """Residual and correction at the instants of interval j, from one second-order cone program with a block each.
 
-    Variables of a block, in weights: three force components per sticking contact, the normal force λ of each sliding one
-    (f = λ (inward + μ slip)), the largest correction t, the residual u. Minimise t + PENALTY u subject to
+    Variables of a block, in weights: three force components per sticking contact, the normal force λ of each sliding
+    one (f = λ (inward + μ slip)), the largest correction t, the residual u. Minimise t + PENALTY u subject to
     |wrench| ≤ u, |f − f̄| ≤ t, |f_t| ≤ μ f_n, 0 ≤ f_n ≤ limit.
     """
     contacts = np.flatnonzero(bears)

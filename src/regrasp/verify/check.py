@@ -10,7 +10,7 @@ from regrasp.errors import InputError
 from regrasp.plan import Plan
 from regrasp.scene.world import World, from_plan
 from regrasp.verify import balance, contacts, form, slip
-from regrasp.verify.findings import Certificate
+from regrasp.verify.findings import Certificate, Finding
 from regrasp.verify.motion import interpolate
 
 
@@ -22,22 +22,27 @@ def check(plan: Plan, world: World | None = None) -> Certificate:
     """
     if world is None:
         world = _rebuild(plan)
-    findings = [*form.number_findings(plan), *form.name_findings(plan, world), *form.model_findings(plan, world)]
-    if not all(finding.passed for finding in findings):
-        return Certificate(tuple(findings))
-    with np.errstate(all="ignore"):
-        motion = interpolate(plan, world)
-        touch = contacts.measure(plan, world, motion)
-        findings += form.pose_findings(plan, world)
-        findings += form.grasp_findings(plan, world, touch)
-        findings += form.motion_findings(plan, world, motion)
-        findings += contacts.contact_findings(plan, motion, touch)
-        findings += contacts.support_findings(plan, world, motion)
-        findings += contacts.collision_findings(plan, world, motion)
-        findings += slip.motion_findings(plan, world, motion, touch)
-        findings += slip.support_motion_findings(plan, motion)
-        findings += balance.force_findings(plan, world, motion, touch)
+    with np.errstate(all="ignore"):  # what overflows becomes no number, and what is no number is refused
+        findings = [*form.number_findings(plan), *form.name_findings(plan, world), *form.model_findings(plan, world)]
+        if all(finding.passed for finding in findings):
+            findings += _measure(plan, world)
     return Certificate(tuple(findings))
+
+
+def _measure(plan: Plan, world: World) -> list[Finding]:
+    motion = interpolate(plan, world)
+    touch = contacts.measure(plan, world, motion)
+    return [
+        *form.pose_findings(plan, world),
+        *form.grasp_findings(plan, world, touch),
+        *form.motion_findings(plan, world, motion),
+        *contacts.contact_findings(plan, motion, touch),
+        *contacts.support_findings(plan, world, motion),
+        *contacts.collision_findings(plan, world, motion),
+        *slip.motion_findings(plan, world, motion, touch),
+        *slip.support_motion_findings(plan, motion),
+        *balance.force_findings(plan, world, motion, touch),
+    ]
 
 
 def _rebuild(plan: Plan) -> World:

@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 class Finding:
     """A point of the certificate: the worst value measured, what is allowed, and where it stands.
 
-    `value` must not exceed `tolerance`; the worst one is that with the largest ratio to its tolerance. `interval`, `time`
-    (s) and `who` (agent, joint, geom or support) are None or empty where the point has no such place.
+    `value` must not exceed `tolerance`; the worst one is that with the largest ratio to its tolerance. `interval`,
+    `time` (s) and `who` (agent, joint, geom or support) are None or empty where the point has no such place.
     """
 
     name: str
@@ -89,8 +89,8 @@ def worst(
 ) -> Finding:
     """The finding at the entry of `values` with the largest ratio to `tolerance` (> 0).
 
-    `axes` names the axes of `values`: j interval, s instant (looked up in `time` (N, S)), x entry of `who`. Entries where
-    `where` is false are not judged; an entry that is judged and is no number counts as infinite.
+    `axes` names the axes of `values`: j interval, s instant (looked up in `time` (N, S)), x entry of `who`. Entries
+    where `where` is false are not judged; an entry that is judged and is no number counts as infinite.
     """
     values = np.asarray(values, dtype=float)
     allowed = np.broadcast_to(np.asarray(tolerance, dtype=float), values.shape)

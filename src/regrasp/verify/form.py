@@ -80,9 +80,10 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     """
     scene, model = world.scene, world.model
     stored = [model.geom_friction[agent.tip_geom, 0] for agent in world.agents]
-    stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity, model.body_mass[world.object_body]]
+    stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity]
+    stored += [model.body_mass[world.object_body], *model.body_ipos[world.object_body]]
     said = [agent.friction for agent in world.agents]
-    said += [*world.support_friction, *scene.gravity, scene.object.mass]
+    said += [*world.support_friction, *scene.gravity, scene.object.mass, 0.0, 0.0, 0.0]
     differences = [np.abs(np.subtract(stored, said)).max()]
     for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
         for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):
@@ -137,8 +138,10 @@ def pose_findings(plan: Plan, world: World) -> list[Finding]:
     missed_q = _angle(poses_q, plan.route[:, 3:])
     passed = np.maximum(missed_p / PASSED[0], missed_q / PASSED[1])
     return [
-        worst("start position", "object's position against the scene's start", np.linalg.norm(p[0, 0] - start.p), START, "m"),
-        worst("start rotation", "object's rotation against the scene's start", _angle(q[0, 0], start.wxyz), START, "rad"),
+        worst("start position", "object's position against the scene's start", np.linalg.norm(p[0, 0] - start.p),
+              START, "m"),
+        worst("start rotation", "object's rotation against the scene's start", _angle(q[0, 0], start.wxyz),
+              START, "rad"),
         worst("goal position", "object's last position against the goal", np.linalg.norm(p[-1, -1] - goal.pose.p),
               goal.tolerance.position, "m"),
         worst("goal rotation", "object's last rotation against the goal", _angle(q[-1, -1], goal.pose.wxyz),

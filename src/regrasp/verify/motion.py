@@ -19,7 +19,7 @@ RESOLUTION = 5
 FINEST = 20
 """… and into at most so many, …"""
 STRIDE = 5e-3
-"""… so that no geom's centre moves farther than this (m) from one judged instant to the next: nothing jumps past a thin body."""
+"""… so that no geom's centre moves farther than this (m) between judged instants: nothing jumps past a thin body."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,14 @@ def fine(values: Array, K: int) -> Array:
 
 def unit(vectors: Array) -> Array:
     """Vectors (..., 3) divided by their length; a zero vector stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
 def rotation_vector(R_A: Array, R_B: Array) -> Array:
-    """log(R_B R_Aᵀ) of matrices (..., 3, 3): the rotation (..., 3) that takes A to B, in the frame both are expressed in."""
+    """log(R_B R_Aᵀ) of matrices (..., 3, 3): the rotation (..., 3) that takes A to B, in the frame of both."""
     product = R_B @ np.swapaxes(R_A, -1, -2)
-    return Rotation.from_matrix(product.reshape(-1, 3, 3)).as_rotvec().reshape(product.shape[:-1])
+    turns = Rotation.from_matrix(product.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(turns).reshape(product.shape[:-1])
 
 
 def interpolate(plan: Plan, world: World) -> Motion:

@@ -1,7 +1,7 @@
 """Relative motion at the contacts by central differences: slip, spin, and what V and the stated twist say about them.
 
-From one instant to the next the tip's motion relative to the object is the rotation vector δθ (from the two rotations) and
-the displacement δp of its origin. The material point of the tip that is at the contact c half-way moves by
+From one instant to the next the tip's motion relative to the object is the rotation vector δθ (from the two rotations)
+and the displacement δp of its origin. The material point of the tip that is at the contact c half-way moves by
 δ = δp + δθ × (c − p), the midpoint rule of v + ω × r; its part in the tangent plane is the slip.
 """
 
@@ -53,7 +53,7 @@ def middle(values: Array) -> Array:
 
 def tangential(vectors: Array, n: Array) -> Array:
     """(I − nnᵀ) applied to vectors (..., 3)."""
-    return vectors - np.sum(vectors * n, axis=-1, keepdims=True) * n
+    return np.asarray(vectors - np.sum(vectors * n, axis=-1, keepdims=True) * n)
 
 
 def direction(steps: Array) -> Array:
@@ -114,8 +114,8 @@ def motion_findings(plan: Plan, world: World, motion: Motion, contacts: Contacts
               "jx", None, who, rolls),
         worst("spin", "rotation about the normal (agents of six joints and more)",
               np.sum(np.abs(_dot(steps.turn, steps.n)), axis=1), allowed_turn, "rad", "jx", None, who, touch & full),
-        worst("rotation by V", "rotation, as far as the agent can choose it, that V's code does not name", _total(rolled),
-              allowed_turn, "rad", "jx", None, who, touch),
+        worst("rotation by V", "rotation, as far as the agent can choose it, that V's code does not name",
+              _total(rolled), allowed_turn, "rad", "jx", None, who, touch),
         worst("slide by V", "sliding across the direction that V's code names", _total(strayed), allowed_slip, "m",
               "jx", None, who, slides),
         worst("roll happens", "least rotation of a roll over the rotation measured",
@@ -140,7 +140,8 @@ def support_motion_findings(plan: Plan, motion: Motion) -> list[Finding]:
         worst("support stick", "way the object slips on a support it is said to stick to", slip, allowed, "m",
               "jx", None, plan.support_names, plan.support_mode == STICK),
         worst("support slide", "least way of a slide over the way the object slips on a support it is said to slide on",
-              SLIP_FLOOR / np.maximum(slip, 1e-12), 1.0, "", "jx", None, plan.support_names, plan.support_mode == SLIDE),
+              SLIP_FLOOR / np.maximum(slip, 1e-12), 1.0, "",
+              "jx", None, plan.support_names, plan.support_mode == SLIDE),
     ]  # fmt: skip
 
 
@@ -158,8 +159,8 @@ def _frame_findings(plan: Plan, touch: NDArray[np.bool_]) -> list[Finding]:
     return [
         worst("contact frame", "stated x axis: length less 1, product with the normal", skew, 1e-6, "",
               "jsx", plan.time, who, touch[:, None]),
-        worst("frame transport", "stated x axis against the one transported along the contact's path", error, FRAME, "rad",
-              "jsx", plan.time, who, touch[:, None]),
+        worst("frame transport", "stated x axis against the one transported along the contact's path", error,
+              FRAME, "rad", "jsx", plan.time, who, touch[:, None]),
     ]  # fmt: skip
 
 
@@ -174,12 +175,11 @@ def _commanded(plan: Plan, x: Array, y: Array) -> Array:
 def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np.bool_]) -> Array:
     """(N, S−1, k, 3, 3): projector, in O, on the angular velocities an agent can choose for its tip without slip.
 
-    With q̇ in the null space of the contact point's Jacobian the tip turns by J_ω q̇. An agent of fewer than six joints meets
-    a commanded angular velocity in the least-squares sense, that is exactly within this space; with six joints and more
-    the space is all of R³.
+    With q̇ in the null space of the contact point's Jacobian the tip turns by J_ω q̇. An agent of fewer than six joints
+    meets a commanded angular velocity in the least-squares sense, that is exactly within this space; with six joints
+    and more the space is all of R³.
     """
-    N, S = motion.time.shape
-    free = np.tile(np.eye(3), (N, S, len(world.agents), 1, 1))
+    free = np.tile(np.eye(3), (*motion.time.shape, len(world.agents), 1, 1))
     model = world.model
     data = mujoco.MjData(model)
     jacobian = np.empty((6, model.nv))
@@ -188,7 +188,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
         if len(agent.qpos) >= 6:
             continue
         for j in np.flatnonzero(touch[:, a]):
-            for s in range(S):
+            for s in np.flatnonzero(np.isfinite(contacts.p_O[j, :, a]).all(axis=-1)):
                 data.qpos[addresses] = motion.joints[j, s]
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
