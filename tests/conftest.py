@@ -16,7 +16,7 @@ N, M = 5, 4
 
 @pytest.fixture(scope="session")
 def home_plan() -> Callable[[str], Plan]:
-    """Scene name → a plan whose agents stand still beside the object, agent i pushing with 1 + i N towards its centre."""
+    """Scene name → a plan whose agents stand still by the object, agent i pushing with 1 + i N towards its centre."""
     made: dict[str, Plan] = {}
 
     def make(name: str) -> Plan:

@@ -250,3 +250,14 @@ def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkey
     monkeypatch.setattr("regrasp.bench", module, raising=False)
     assert main(["bench", "scenes", "--seeds", "3", "--json"]) == code
     assert json.loads(capsys.readouterr().out) == {"exit": code, "bench": "scenes", "passed": passed, "seeds": 3}
+
+
+def test_the_short_flags_name_fields_of_the_planner():
+    from regrasp import cli
+    from regrasp.planner.method import Settings as Real
+
+    for path in (cli.ITERATIONS, cli.TIME_LIMIT):
+        value: object = Real()
+        for name in path:
+            value = getattr(value, name)
+        assert isinstance(value, int | float)

@@ -18,11 +18,11 @@ from typing import Annotated, Any, Literal
 
 from regrasp import __version__
 from regrasp.errors import InputError, RegraspError
+from regrasp.view import answers
 
 DONE, REFUSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 ITERATIONS, TIME_LIMIT = ("local", "annealing", "iterations"), ("time_limit",)
 """Where in the planner's settings `--iterations` and `--time-limit` belong."""
-JSON = "--json: print one JSON object on stdout instead of text."
 
 Answer = tuple[int, dict[str, Any]]
 
@@ -66,7 +66,7 @@ def _run(arguments: list[str]) -> tuple[int, dict[str, Any], Callable[[dict[str,
     """Exit code, answer, and how the answer is shown to people."""
     name = arguments[0] if arguments else "--help"
     if name in ("-h", "--help"):
-        return DONE, {"commands": {key: words for key, (words, _, _) in COMMANDS.items()}}, _show_help
+        return DONE, {"commands": {key: words for key, (words, _, _) in COMMANDS.items()}}, answers.commands
     if name == "--version":
         return DONE, {"version": __version__}, lambda answer: print(f"regrasp {answer['version']}")
     if name not in COMMANDS:
@@ -82,7 +82,7 @@ def _parse(command: Callable[..., Any], name: str, arguments: list[str]) -> Any:
     """What `command` returns for the arguments; a wrong one raises InputError with tyro's reason in one line."""
     import tyro
 
-    words = f"{COMMANDS[name][0]}\n\n{JSON}"
+    words = f"{COMMANDS[name][0]}\n\n{answers.JSON}"
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -121,8 +121,10 @@ def _plan(arguments: list[str]) -> Answer:
         output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="PLAN")],
         planner: Settings,
         seed: int = 0,
-        iterations: int | None = None,
-        time_limit: float | None = None,
+        iterations: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: planner's)")] = None,
+        time_limit: Annotated[
+            float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: planner's)")
+        ] = None,
     ) -> tuple[str, Path, int, Settings]:
         """Read the command line.
 
@@ -170,20 +172,6 @@ def _replaced(settings: Any, path: Sequence[str], value: object) -> Any:
     return dataclasses.replace(settings, **{first: inner})
 
 
-def _show_plan(answer: dict[str, Any]) -> None:
-    if "plan" not in answer:
-        return
-    motions = ", ".join(f"{count} {name}" for name, count in answer["motions"].items())
-    print(
-        f"{answer['plan']}: {answer['intervals']} intervals, {len(answer['agents'])} agents, "
-        f"{answer['duration']:.3g} s of motion, energy {answer['energy']:.4g}; "
-        f"planned in {answer['seconds']:.2f} s with seed {answer['seed']}\n"
-        f"contact motions: {motions}"
-    )
-    for remark in answer["remarks"]:
-        print(remark)
-
-
 def _check(arguments: list[str]) -> Answer:
     import tyro
 
@@ -205,23 +193,6 @@ def _check(arguments: list[str]) -> Answer:
     return (DONE if certificate.passed else REFUSED), {"plan": str(path), **certificate.to_dict()}
 
 
-def _show_check(answer: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"{answer['plan']}: {'certified' if answer['passed'] else 'refused'}", title_justify="left")
-    for heading in ("", "point", "worst", "allowed", "where"):
-        table.add_column(heading, justify="right" if heading in ("worst", "allowed") else "left")
-    for finding in answer["findings"]:
-        place = [finding["who"]] if finding["who"] else []
-        place += [f"interval {finding['interval']}"] if finding["interval"] is not None else []
-        value = "not a number" if finding["value"] is None else f"{finding['value']:.3g}"
-        allowed = f"{finding['tolerance']:.3g} {finding['unit']}".rstrip()
-        mark = "[green]✓[/]" if finding["passed"] else "[bold red]✗[/]"
-        table.add_row(mark, f"{finding['name']}: {finding['text']}", value, allowed, ", ".join(place))
-    Console().print(table)
-
-
 def _scenes(arguments: list[str]) -> Answer:
     def request() -> None:
         """Read the command line."""
@@ -230,16 +201,6 @@ def _scenes(arguments: list[str]) -> Answer:
     from regrasp.scene.load import builtin
 
     return DONE, {"scenes": [{"name": name, "description": words} for name, words in builtin().items()]}
-
-
-def _show_scenes(answer: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("scene", "what it asks", box=None, padding=(0, 2, 1, 0))
-    for scene in answer["scenes"]:
-        table.add_row(scene["name"], scene["description"].strip())
-    Console().print(table)
 
 
 def _render(arguments: list[str]) -> Answer:
@@ -273,10 +234,6 @@ def _render(arguments: list[str]) -> Answer:
     return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
 
 
-def _show_render(answer: dict[str, Any]) -> None:
-    print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
-
-
 def _bench(arguments: list[str]) -> Answer:
     import tyro
 
@@ -301,15 +258,6 @@ def _bench(arguments: list[str]) -> Answer:
     return (DONE if answer.get("passed", True) else REFUSED), {"bench": name, **answer}
 
 
-def _show_help(answer: dict[str, Any]) -> None:
-    width = max(map(len, answer["commands"]))
-    print("usage: regrasp COMMAND ...\n\nPlans how robot fingers and cooperating arms re-configure an object.\n")
-    for name, words in answer["commands"].items():
-        print(f"  {name:{width}}  {words}")
-    print(f"\nregrasp COMMAND --help tells its options. {JSON}")
-    print("Exit codes: 0 done, 1 no plan or certificate refused (with the reason), 2 bad input (one line).")
-
-
 def _nothing(answer: dict[str, Any]) -> None:
     """Shows nothing: all was said."""
 
@@ -327,10 +275,10 @@ def _writable(path: Path) -> None:
 
 
 COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str, Any]], None]]] = {
-    "plan": ("Plan a scene: contact motions, joint trajectories and forces, from start to goal.", _plan, _show_plan),
-    "check": ("Re-check a plan independently of the planner: the certificate.", _check, _show_check),
-    "scenes": ("List the built-in scenes.", _scenes, _show_scenes),
-    "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, _show_render),
+    "plan": ("Plan a scene: contact motions, joint trajectories and forces, from start to goal.", _plan, answers.plan),
+    "check": ("Re-check a plan independently of the planner: the certificate.", _check, answers.certificate),
+    "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
+    "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
     "bench": ("Measure the method: paper, minima, scenes.", _bench, _nothing),
 }
 """Name → what it does, what runs it, what shows its answer."""

@@ -1,5 +1,6 @@
 """Progress of long work on stderr: a bar with the energy on a terminal, plain lines elsewhere."""
 
+import math
 import sys
 import time
 from types import TracebackType
@@ -42,7 +43,7 @@ class Reporter:
                 TextColumn("{task.description}"),
                 BarColumn(),
                 MofNCompleteColumn(),
-                TextColumn("energy {task.fields[energy]:.4g}, best {task.fields[best]:.4g}"),
+                TextColumn("{task.fields[energy]}"),
                 TimeElapsedColumn(),
                 console=self._console,
                 transient=True,
@@ -62,14 +63,13 @@ class Reporter:
 
     def _draw(self, bar: Bar, step: Step) -> None:
         if self._task is None:
-            self._task = bar.add_task(step.stage, total=step.total, energy=step.energy, best=step.best)
+            self._task = bar.add_task(step.stage, total=step.total, energy="")
         bar.update(
             self._task,
             description=step.stage,
             completed=step.done,
             total=step.total,
-            energy=step.energy,
-            best=step.best,
+            energy=_energy(step),
         )
 
     def _print(self, step: Step) -> None:
@@ -77,5 +77,10 @@ class Reporter:
         if step.stage == self._stage and now < self._next:
             return
         self._stage, self._next = step.stage, now + self._interval
-        line = f"{step.stage}: {step.done}/{step.total}, energy {step.energy:.4g}, best {step.best:.4g}"
-        print(line, file=sys.stderr, flush=True)
+        energy = _energy(step)
+        print(f"{step.stage}: {step.done}/{step.total}{', ' if energy else ''}{energy}", file=sys.stderr, flush=True)
+
+
+def _energy(step: Step) -> str:
+    """The energies in words; stages that have none report NaN."""
+    return "" if math.isnan(step.energy) else f"energy {step.energy:.4g}, best {step.best:.4g}"

@@ -115,7 +115,7 @@ def _light(camera: Camera) -> Array:
     return towards / np.linalg.norm(towards)
 
 
-def _lines(stage: Stage, data: mujoco.MjData, geom: NDArray[np.int32], p: Array, n: Array, half_width: float) -> Array:
+def _lines(stage: Stage, data: mujoco.MjData, geom: NDArray[np.int64], p: Array, n: Array, half_width: float) -> Array:
     """How much (n,) of each hit lies on a coordinate line of its frame: where x, y or z = 0 cuts a marked surface.
 
     The distance to the plane is divided by the slope of the surface against it, so that lines keep their width.
