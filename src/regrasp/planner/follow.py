@@ -16,6 +16,7 @@ from regrasp.planner.path import Path
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
+AGILE = 4.0  # rad per rad
 JUMP = 0.3  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
 
@@ -36,6 +37,32 @@ def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, 
 def is_full(hand: Hand, i: int) -> bool:
     """Whether agent i has the six joints that realise any relative velocity."""
     return hand.chains.start[i + 1] - hand.chains.start[i] >= 6
+
+
+@njit(cache=True, nogil=True)
+def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
+    """Whether a six-joint agent is far enough from its singularities to follow the object.
+
+    Turning the tip by 1 rad about any axis, or moving it by the object's radius along any, may take no joint more than
+    AGILE rad. Fewer joints have directions they never move in; for them this always holds.
+    """
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    if n_a < 6:
+        return True
+    J, qd = np.empty((6, n_a)), np.empty(n_a)
+    jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J)
+    v, w, got = np.zeros(3), np.zeros(3), np.empty(3)
+    for a in range(3):
+        v[a] = hand.radius
+        if rates(J, v, w, qd, got) > 1e-6 or np.max(np.abs(qd)) > AGILE:
+            return False
+        v[a] = 0.0
+        w[a] = 1.0
+        rates(J, v, w, qd, got)
+        if abs(got[a] - 1.0) > 1e-6 or np.max(np.abs(qd)) > AGILE:
+            return False
+        w[a] = 0.0
+    return True
 
 
 @njit(cache=True, nogil=True)

@@ -22,6 +22,8 @@ from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 
+SAME = 1e-7  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -141,7 +143,8 @@ def detail(
                 p, p_T, x, nn = (np.zeros((m + 1, 3)) for _ in range(4))
                 R = np.zeros((m + 1, 3, 3))
                 p[0], p_T[0], R[0] = state.p_OC[j, i], state.p_TC[j, i], state.R_OT[j, i]
-                if not trace_contact(hand, path, terms.commands[V[j, i]], j, i, p, p_T, R, x, q, nn):
+                traced = trace_contact(hand, path, terms.commands[V[j, i]], j, i, p, p_T, R, x, q, nn)
+                if state.lost[j, i] or not traced or np.max(np.abs(q[m] - state.q[j + 1, first:last])) > SAME:
                     found.append(Violation("reach", j, names[i], "leaves its workspace while in contact"))
                 p_OC[j, :, i], n_O[j, :, i], x_O[j, :, i] = p, nn, x
                 twist[j, i] = achieved(hand, i, terms.commands[V[j, i]], R, x, nn)

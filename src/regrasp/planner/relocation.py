@@ -14,7 +14,7 @@ from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, sample
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
-from regrasp.planner.follow import REACHED, is_full, tip_target
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY
 from regrasp.planner.path import Path
@@ -132,6 +132,8 @@ def candidate_free(
         a_O /= length
     if not touch_down(hand, i, R_WO, p_WO, scan.p_O[c], scan.n_O[c], 0.0, a_O, q, R_WL, p_WL):
         return False
+    if not is_agile(hand, i, R_WL, p_WL):
+        return False
     R_WG, p_WG = state.R_WG[j].copy(), state.p_WG[j].copy()
     place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
     if (
@@ -171,7 +173,8 @@ def hold_on(hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_
         else:
             rotate(R_WT, hand.axis_T[i], a)
             residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a, q[look], R_WL, p_WL)
-        if residual > REACHED:
+        intervals = max(1, look_ahead(n, j, look) - look_ahead(n, j, look - 1))
+        if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * intervals:
             return look - 1
     return LOOKS
 
