@@ -51,9 +51,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Run:
-    """One search on a Job: s from V to the finished motion, E of the first and the best V, whether every constraint holds.
+    """One search on a Job: s from V to the finished motion, E of the first and the best V, V itself.
 
     processor_seconds: what the process had of its cores in that time; more than `seconds` if it used several.
+    feasible: every constraint holds at every sample.
     """
 
     seconds: float
@@ -169,9 +170,9 @@ def minima(seeds: int) -> dict[str, Any]:
         ends: dict[str, list[Run]] = {"downhill": [], "annealing": []}
         for seed in range(seeds):
             V = work.random_start(seed)
-            ends["downhill"].append(search(work, V, cold, seed))
-            ends["annealing"].append(search(work, V, warm, seed))
-            say(f"{name}, seed {seed}: downhill {ends['downhill'][-1].after:.2f}, annealing {ends['annealing'][-1].after:.2f}")
+            for kind, settings in (("downhill", cold), ("annealing", warm)):
+                ends[kind].append(search(work, V, settings, seed))
+                say(f"{name}, seed {seed}: {kind} ends at {ends[kind][-1].after:.2f}")
         rows.append(comparison(name, ends["downhill"], ends["annealing"]))
     table = Table(title=f"ends of searches from {seeds} random V's, equal numbers of evaluations", title_justify="left")
     for heading in ("scene", "search", "different V's", "energies", "least", "median", "greatest", "feasible"):

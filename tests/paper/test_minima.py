@@ -1,4 +1,4 @@
-"""Paper §5: Eq. (1) has many local minima: downhill searches from random V end in different ones, annealing ends lower."""
+"""Paper §5: Eq. (1) has many local minima: downhill searches from random V end in many of them, annealing lower."""
 
 import dataclasses
 import math
@@ -54,7 +54,7 @@ def segment():
 
 @pytest.fixture(scope="module")
 def searches(segment):
-    """From each of the random V's: the problem settled at the end of a downhill search, and annealing's least energy."""
+    """From each random V: the problem settled at the end of a downhill search, and annealing's least energy."""
     hand, local = segment.task.hand, segment.task.settings.local
     terms = terms_of(hand, local)
     scan = new_scan(hand, segment.path, local.relocation)  # it only remembers: shared by all searches

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from regrasp.planner import clock as module
-from regrasp.planner.clock import clock
+from regrasp.planner import clock
+from regrasp.planner.clock import start_clock
 from regrasp.planner.method import Settings, plan_scene
 from regrasp.scene.load import load
 
@@ -14,12 +14,12 @@ from regrasp.scene.load import load
 def now(monkeypatch):
     """The time, as a list of one number."""
     time = [100.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: time[0])
+    monkeypatch.setattr(clock.time, "monotonic", lambda: time[0])
     return time
 
 
 def test_shares_are_equal_parts_of_what_is_left(now):
-    whole = clock(12.0)
+    whole = start_clock(12.0)
     for parts in (3, 2, 1):
         part = whole.share(parts)
         assert part.end - part.start == pytest.approx(4.0)
@@ -34,7 +34,7 @@ def test_shares_are_equal_parts_of_what_is_left(now):
 
 
 def test_without_a_limit_no_time_passes(now):
-    whole = clock(0.0)
+    whole = start_clock(0.0)
     now[0] += 1e9
     assert not whole.up()
     assert whole.elapsed() == whole.share(3).elapsed() == 0.0

@@ -28,7 +28,7 @@ class Clock:
         return Clock(now, now + max(0.0, self.end - now) / parts)
 
 
-def clock(limit: float) -> Clock:
+def start_clock(limit: float) -> Clock:
     """A clock that starts now; limit: s, 0 for none."""
     now = time.monotonic()
     return Clock(now, now + (limit if limit > 0.0 else math.inf))

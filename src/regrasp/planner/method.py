@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.planner.assemble import Segment, Timing, assemble
-from regrasp.planner.clock import Clock, clock
+from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.grasp import Grasp, GraspSearch, find_grasp, given_grasp
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
@@ -30,8 +30,8 @@ class Settings:
     intervals: at most so many per arc (n of the paper). samples: steps in which an interval is computed.
     turn: rad, and travel: parts of the object's radius, that the object moves in one interval at most.
     arcs: local planning runs before the whole is given up.
-    time_limit: s, 0 for none. The annealing runs share what is left of it and cool by the clock, so that they are cold in
-    time, and the best V so far counts; a run without a complete plan by then fails. Compilation counts too.
+    time_limit: s, 0 for none. The annealing runs share what is left of it and cool by the clock, so that they are cold
+    in time, and the best V so far counts; a run without a complete plan by then fails. Compilation counts too.
     """
 
     intervals: int = 30
@@ -146,19 +146,18 @@ def plan_pieces(
 
 def out_of_time(limit: float, done: int, last: Failure | None) -> Failure:
     """The time limit ended the run after `done` segments; `last` failed before."""
-    return Failure(
-        "time", f"segment {done + 1}", "", f"no complete plan in {limit:g} s" + (f"; last failure: {last}" if last else ""),
-        "a larger time limit, or none",
-    )  # fmt: skip
+    before = f"; last failure: {last}" if last else ""
+    return Failure("time", f"segment {done + 1}", "", f"no complete plan in {limit:g} s{before}", "more time, or no limit")
 
 
 def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | None = None) -> Outcome:
     """Plan a scene: the loop of the paper's Fig. 1.
 
     The global planner gives a route of subgoals; the local planner plans its first arc from the grasp at hand; where it
-    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan, unless time is limited.
+    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan, unless the time is
+    limited.
     """
-    timer = clock(settings.time_limit)
+    clock = start_clock(settings.time_limit)
     report = progress or (lambda _: None)
     rng = np.random.default_rng(seed)
     task = prepare(scene, settings)
@@ -170,8 +169,8 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     subgoals: list[Pose] = [task.router.grid.start_pose]
     for attempt in range(settings.arcs):
         report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
-        route = task.router.route(here, timer.up)
-        if timer.up():
+        route = task.router.route(here, clock.up)
+        if clock.up():
             return Outcome(None, out_of_time(settings.time_limit, len(segments), failure))
         if isinstance(route, Failure):
             return Outcome(None, failure or route)
@@ -181,7 +180,7 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
             if isinstance(grasp_or, Failure):
                 return Outcome(None, grasp_or)
             grasp = grasp_or
-        result = plan_pieces(task, pieces, grasp, len(segments), rng, report, timer, len(route) - 2)
+        result = plan_pieces(task, pieces, grasp, len(segments), rng, report, clock, len(route) - 2)
         if isinstance(result, Failure):
             failure = result
             task.router.failed(here, route[1])
@@ -193,4 +192,4 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
         if here == task.router.grid.goal:
             plan = assemble(task.world, segments, subgoals, task.supports, settings.timing, seed, settings, ())
             return Outcome(plan, None)
-    return Outcome(None, out_of_time(settings.time_limit, len(segments), failure) if timer.up() else failure)
+    return Outcome(None, out_of_time(settings.time_limit, len(segments), failure) if clock.up() else failure)
