@@ -38,12 +38,12 @@ def test_a_search_counts_its_evaluations_and_is_the_same_for_the_same_seed(paper
 
 def test_comparison_counts_ends_and_tests_pairs():
     downhill = [run(10.0 + a % 3, a) for a in range(8)]
-    row = bench.comparison("x", downhill, [run(9.0) for _ in range(8)])
+    row = bench.comparison(downhill, [run(9.0) for _ in range(8)])
     assert (row["lower"], row["higher"]) == (8, 0)
     assert row["p"] == pytest.approx(0.5**8)
     assert (row["downhill"]["different"], row["downhill"]["different_energies"]) == (8, 3)
     assert (row["annealing"]["different"], row["annealing"]["median"]) == (1, 9.0)
-    assert bench.comparison("x", downhill, downhill)["p"] == 1.0
+    assert bench.comparison(downhill, downhill)["p"] == 1.0
 
 
 @pytest.mark.parametrize(("planned", "passed"), [(10, True), (9, True), (8, False)])
