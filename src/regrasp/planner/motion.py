@@ -146,6 +146,7 @@ def detail(
                 traced = trace_contact(hand, path, terms.commands[V[j, i]], j, i, p, p_T, R, x, q, nn)
                 if state.lost[j, i] or not traced or np.max(np.abs(q[m] - state.q[j + 1, first:last])) > SAME:
                     found.append(Violation("reach", j, names[i], "leaves its workspace while in contact"))
+                q[m] = state.q[j + 1, first:last]
                 p_OC[j, :, i], n_O[j, :, i], x_O[j, :, i] = p, nn, x
                 twist[j, i] = achieved(hand, i, terms.commands[V[j, i]], R, x, nn)
             elif moves_freely(V[j, i], state.holds[j, i]) and not state.lost[j, i]:
