@@ -22,6 +22,7 @@ from regrasp.planner.state import State
 
 Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
+NEARER = 6  # steps towards a point of the surface that a short chain can touch
 LOOKS = 4  # poses on the coming way at which a candidate is tried
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 
@@ -45,13 +46,16 @@ class Scan(NamedTuple):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction
-    at rest. status (k, n + 1, C): UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; q (k, n + 1, C, n_max);
-    kept (k, n + 1, C): part of the coming way on which the contact can be kept, −1 unknown.
+    at rest. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
+    or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
+    of the coming way on which the contact can be kept, −1 unknown.
     """
 
     p_O: Array
     n_O: Array
     status: NDArray[np.int8]
+    p: Array
+    n: Array
     q: Array
     kept: Array
 
@@ -63,8 +67,8 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     joints = int(np.max(np.diff(hand.chains.start)))
     shape = (k, n + 1, 2 * len(p_O))
     return Scan(
-        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, joints)),
-        np.full(shape, -1.0),
+        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
+        np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
     )  # fmt: skip
 
 
@@ -130,7 +134,20 @@ def candidate_free(
         if length < 0.5:
             return False
         a_O /= length
-    if not touch_down(hand, i, R_WO, p_WO, scan.p_O[c], scan.n_O[c], 0.0, a_O, q, R_WL, p_WL):
+    point, normal = scan.p[i, j, c], scan.n[i, j, c]
+    point[:], normal[:] = scan.p_O[c], scan.n_O[c]
+    reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not is_full(hand, i):
+        # A planar finger reaches a curve of the surface only: go on to the point under where its tip got to.
+        for _ in range(NEARER):
+            if reached:
+                break
+            for x in range(3):
+                p[x] = p_WL[last - first, x] - p_WO[x]
+            rotate_back(R_WO, p, p)
+            project(hand.kind_O, hand.size_O, p, point, normal)
+            reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not reached:
         return False
     if not is_agile(hand, i, R_WL, p_WL):
         return False
@@ -194,7 +211,7 @@ def outlook_of(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int,
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
     kept = 0 if j < n else LOOKS
     if j < n:
-        reached = hold_on(hand, path, j, i, scan.p_O[c], p_TC, R_OT, q)
+        reached = hold_on(hand, path, j, i, scan.p[i, j, c], p_TC, R_OT, q)
         while kept < reached:
             forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
             place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
@@ -219,7 +236,7 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
     R_WO, _ = pose_at(path, j)
     forward(hand.chains, i, scan.q[i, j, c, :n_a], R_WL, p_WL)
     multiply_back(R_WO, R_WL[n_a], R_OT)
-    rotate_back(R_OT, scan.n_O[c], p_TC)
+    rotate_back(R_OT, scan.n[i, j, c], p_TC)
     for a in range(3):
         p_TC[a] *= -hand.size_T[i, 0]
 
@@ -250,8 +267,8 @@ def scan_contacts(
         score[c] = np.inf
         if not candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
             continue
-        p[i] = scan.p_O[c]
-        n[i] = scan.n_O[c]
+        p[i] = scan.p[i, j + 1, c]
+        n[i] = scan.n[i, j + 1, c]
         held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
         if held:
             lost = 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance)
@@ -407,7 +424,7 @@ def relocate(
         score[c] = np.inf
         for way in range(WAYS):
             if free_motion(
-                hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p_O[c], scan.n_O[c],
+                hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p[i, j + 1, c], scan.n[i, j + 1, c],
                 scan.q[i, j + 1, c, :n_a], way, high, clearance, q,
             ):  # fmt: skip
                 return c, way
@@ -424,5 +441,5 @@ def stand_on(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c
     forward(hand.chains, i, state.q[j, first:last], R_WL, p_WL)
     place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[j], state.p_WG[j])
     touch(hand, path, scan, j, i, c, state.p_TC[j, i], state.R_OT[j, i])
-    state.p_OC[j, i] = scan.p_O[c]
+    state.p_OC[j, i] = scan.p[i, j, c]
     state.holds[j, i] = 1
