@@ -3,7 +3,9 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+SEEN   := $(VENV)/.kernels
 OUT    := out
+KERNELS := src/regrasp/kernels src/regrasp/planner
 SCENE  ?= fig4-relocation
 SEED   ?= 1
 
@@ -34,10 +36,15 @@ $(READY): constraints.txt pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-# numba leaves compiled kernels (*.nbi) beside their sources: without them the first run compiles.
+# numba keeps compiled kernels (*.nbi, *.nbc) beside their sources. It sees that a kernel's own file has changed, not that
+# a file has from which the kernel calls another: when any has changed since the last run, none is kept (docs/house.md).
 compiling: $(READY)
-	@test -n "$$(find src -name '*.nbi' -print -quit)" \
-	  || echo "== the first run compiles the kernels (once; they are kept beside the sources)"
+	@$(BIN)/python -c 'from pathlib import Path; files = [p for d in "$(KERNELS)".split() for p in Path(d).glob("*.py")]; \
+	  print(*sorted((str(p), p.stat().st_mtime_ns) for p in files), sep="\n")' > $(SEEN).now
+	@cmp -s $(SEEN) $(SEEN).now || find $(KERNELS) -name '*.nb[ci]' -delete
+	@mv $(SEEN).now $(SEEN)
+	@test -n "$$(find $(KERNELS) -name '*.nbi' -print -quit)" \
+	  || echo "== this run compiles the kernels (they are kept beside the sources)"
 
 demo: compiling
 	@mkdir -p $(OUT)

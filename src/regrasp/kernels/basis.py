@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from regrasp.kernels.rotations import Array
+
 Indices = NDArray[np.int64]
 
 # A column whose best pivot is smaller depends on the others.

@@ -11,7 +11,8 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.basis import Program
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
-from regrasp.kernels.surfaces import project, sample
+from regrasp.kernels.sampling import sample
+from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, tip_target
