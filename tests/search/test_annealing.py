@@ -173,3 +173,23 @@ def test_impossible_moves_are_never_made():
 def test_settings_out_of_range_are_refused_by_name(field, value):
     with pytest.raises(ValueError, match=f"{field} is {value}"):
         Settings(**{field: value})
+
+
+def test_a_run_cut_short_by_the_clock_is_cold_at_its_end():
+    # 300 of 100 000 iterations fit into the time: without cooling by the clock they would all be hot.
+    settings = Settings(iterations=100_000, acceptance=0.5, trials=50)
+    passed = iter(np.clip(np.arange(10_000) / 350, 0.0, 1.0))
+    problem = Ring(rugged(), start=10)
+    result = annealing.anneal(problem, settings, np.random.default_rng(7), elapsed=lambda: float(next(passed)))
+    assert result.energies.size == 301
+    assert np.any(np.diff(result.energies[:100]) > 0.0)
+    assert np.all(np.diff(result.energies[-50:]) <= 0.0)
+    assert annealing.temperature(settings, 5.0, 300, 0.8) == 5.0 * settings.final**0.8
+    assert annealing.temperature(settings, 5.0, 99_999, 0.8) == pytest.approx(5.0 * settings.final)
+
+
+def test_measuring_the_start_temperature_takes_a_fifth_of_the_time_at_most():
+    asked = iter(np.arange(10_000) / 100)
+    problem = Ring(rugged())
+    annealing.init(problem, Settings(trials=1000), np.random.default_rng(8), lambda: float(next(asked)))
+    assert next(asked) == pytest.approx(0.22)

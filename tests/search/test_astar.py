@@ -181,6 +181,12 @@ def test_budget_ends_the_search_with_the_nearest_node():
     assert isinstance(astar.find(grid, (0, 0), grid.goal, budget=needed.expanded - 1), Failure)
 
 
+def test_stop_ends_the_search():
+    asked = iter([False, False, True])
+    outcome = astar.find(Roads(3), 0, Roads(3).goal, stop=lambda: next(asked))
+    assert outcome == Failure(Reason.STOPPED, outcome.nearest, 3)
+
+
 def test_a_goal_behind_walls_exhausts_the_graph():
     grid = Grid(6, walls=[(4, 4), (4, 5), (5, 4)])
     outcome = astar.find(grid, (0, 0), grid.goal)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.planner.clock import Clock
 from regrasp.planner.energy import Energy, Terms, adopt, evaluate, new_work
 from regrasp.planner.grasp import Grasp, grasp_at, put
 from regrasp.planner.hand import Hand
@@ -135,17 +136,23 @@ class ArcResult:
 
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
-    report: Report, stage: str,
+    report: Report, stage: str, clock: Clock, parts: int,
 ) -> ArcResult | Failure:  # fmt: skip
-    """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom."""
+    """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom.
+
+    Each annealing run has one of `parts` equal parts of the time then left.
+    """
     terms = terms_of(hand, settings)
     scan = new_scan(hand, path, settings.relocation)
     n, k = len(path.R_WO), len(names)
     history: list[NDArray[np.float64]] = []
     worst: Motion | None = None
-    for _ in range(settings.attempts):
+    for attempt in range(settings.attempts):
+        if attempt > 0 and clock.up():
+            break
         problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, rng))
-        result = anneal(problem, settings.annealing, rng, watcher(report, stage, settings.annealing.iterations))
+        watch = watcher(report, stage, settings.annealing.iterations)
+        result = anneal(problem, settings.annealing, rng, watch, clock.share(parts).elapsed)
         history.append(np.asarray(result.energies))
         problem.reset(result.best)
         motion = detail(hand, path, scan, terms, problem.current, result.best, problem.work, names)

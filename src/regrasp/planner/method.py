@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.planner.assemble import Segment, Timing, assemble
+from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.grasp import Grasp, GraspSearch, find_grasp, given_grasp
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
@@ -29,6 +30,8 @@ class Settings:
     intervals: at most so many per arc (n of the paper). samples: steps in which an interval is computed.
     turn: rad, and travel: parts of the object's radius, that the object moves in one interval at most.
     arcs: local planning runs before the whole is given up.
+    time_limit: s, 0 for none. The annealing runs share what is left of it and cool by the clock, so that they are cold
+    in time, and the best V so far counts; a run without a complete plan by then fails. Compilation counts too.
     """
 
     intervals: int = 30
@@ -36,10 +39,15 @@ class Settings:
     turn: float = 0.06
     travel: float = 0.12
     arcs: int = 12
+    time_limit: float = 0.0
     local: LocalPlanner = field(default_factory=LocalPlanner)
     route: GlobalPlanner = field(default_factory=GlobalPlanner)
     grasp: GraspSearch = field(default_factory=GraspSearch)
     timing: Timing = field(default_factory=Timing)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.time_limit < math.inf:
+            raise ValueError(f"time_limit is {self.time_limit}, legal: 0 s (none) or more")
 
 
 @dataclass(frozen=True)
@@ -120,13 +128,15 @@ def check_ends(task: Task) -> Failure | None:
 
 
 def plan_pieces(
-    task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report
-) -> tuple[list[Segment], Grasp] | Failure:
-    """Local plans of consecutive pieces of an arc, each from where the one before ends."""
+    task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report,
+    clock: Clock, later: int,
+) -> tuple[list[Segment], Grasp] | Failure:  # fmt: skip
+    """Local plans of consecutive pieces of an arc, each from where the one before ends; `later` more arcs follow."""
     planned: list[Segment] = []
     for path in pieces:
         stage = f"segment {first + len(planned) + 1}"
-        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage)
+        parts = len(pieces) - len(planned) + later
+        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
         if isinstance(result, Failure):
             return result
         planned.append(Segment(result.motion, result.energy))
@@ -134,12 +144,20 @@ def plan_pieces(
     return planned, grasp
 
 
+def out_of_time(limit: float, done: int, last: Failure | None) -> Failure:
+    """The time limit ended the run after `done` segments; `last` failed before."""
+    before = f"; last failure: {last}" if last else ""
+    return Failure("time", f"segment {done + 1}", "", f"no complete plan in {limit:g} s{before}", "more time, or no limit")
+
+
 def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | None = None) -> Outcome:
     """Plan a scene: the loop of the paper's Fig. 1.
 
     The global planner gives a route of subgoals; the local planner plans its first arc from the grasp at hand; where it
-    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan.
+    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan, unless the time is
+    limited.
     """
+    clock = start_clock(settings.time_limit)
     report = progress or (lambda _: None)
     rng = np.random.default_rng(seed)
     task = prepare(scene, settings)
@@ -151,7 +169,9 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     subgoals: list[Pose] = [task.router.grid.start_pose]
     for attempt in range(settings.arcs):
         report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
-        route = task.router.route(here)
+        route = task.router.route(here, clock.up)
+        if clock.up():
+            return Outcome(None, out_of_time(settings.time_limit, len(segments), failure))
         if isinstance(route, Failure):
             return Outcome(None, failure or route)
         pieces = arc_path(task, here, route[1])
@@ -160,7 +180,7 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
             if isinstance(grasp_or, Failure):
                 return Outcome(None, grasp_or)
             grasp = grasp_or
-        result = plan_pieces(task, pieces, grasp, len(segments), rng, report)
+        result = plan_pieces(task, pieces, grasp, len(segments), rng, report, clock, len(route) - 2)
         if isinstance(result, Failure):
             failure = result
             task.router.failed(here, route[1])
@@ -172,4 +192,4 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
         if here == task.router.grid.goal:
             plan = assemble(task.world, segments, subgoals, task.supports, settings.timing, seed, settings, ())
             return Outcome(plan, None)
-    return Outcome(None, failure)
+    return Outcome(None, out_of_time(settings.time_limit, len(segments), failure) if clock.up() else failure)

@@ -10,7 +10,8 @@ from regrasp.plan import Plan
 class Failure:
     """Why no plan was found.
 
-    constraint: which condition of paper §2 failed ('collision', 'reach', 'equilibrium', 'route', 'grasp', 'start', 'goal').
+    constraint: which condition of paper §2 failed ('collision', 'reach', 'equilibrium', 'route', 'grasp', 'start', 'goal'),
+    or 'time': the limit of the run.
     where: the place on the way, in words ('arc 2 of 3, interval 14').
     agent: the agent or body concerned, '' where it is the object's.
     reason: what was found. remedy: what the user can change.

@@ -5,6 +5,7 @@ its length against the least force that holds the object there with the supports
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,9 +131,13 @@ class Router:
         """Length of the straight way to the goal: never more than the cost, as the length is a metric."""
         return self.grid.length(node, self.grid.goal, self.hand.radius)
 
-    def route(self, start: Node) -> list[Node] | Failure:
-        """Subgoals from a node to the goal, as few as keep the route free and no dearer, or why there are none."""
-        result = astar.find(self, start, self.grid.goal, self.penalties, self.settings.weight, self.settings.nodes)
+    def route(self, start: Node, stop: Callable[[], bool]) -> list[Node] | Failure:
+        """Subgoals from a node to the goal, as few as keep the route free and no dearer, or why there are none.
+
+        Once `stop` says so, the search is given up.
+        """
+        s = self.settings
+        result = astar.find(self, start, self.grid.goal, self.penalties, s.weight, s.nodes, stop)
         if isinstance(result, astar.Failure):
             return Failure(
                 "route", "global planner", "object", f"no way to the goal among the obstacles ({result.reason})",

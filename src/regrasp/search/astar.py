@@ -6,7 +6,7 @@ and the search runs again from wherever the plan has got to.
 
 import heapq
 import math
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Generic, Protocol, TypeVar
@@ -53,6 +53,7 @@ class Reason(StrEnum):
 
     EXHAUSTED = "every node that can be reached was expanded: the goal is cut off; free an arc or refine the graph"
     BUDGET = "the node budget ran out before the goal was reached: raise it"
+    STOPPED = "the search was stopped before the goal was reached"
 
 
 @dataclass(frozen=True)
@@ -180,9 +181,11 @@ def find(
     penalties: Penalties[Node] | None = None,
     weight: float = 1.0,
     budget: int = 1_000_000,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Path[Node] | Failure[Node]:
-    """Run a search to its end; see `init`."""
+    """Run a search (see `init`) to its end, or until `stop`, asked after each expansion, says so."""
     search = init(graph, start, goal, penalties, weight, budget)
     while isinstance(outcome := step(search), Progress):
-        pass
+        if stop():
+            return Failure(Reason.STOPPED, search.nearest, search.expanded)
     return outcome

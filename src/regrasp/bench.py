@@ -1,0 +1,285 @@
+"""What is measured: the paper's own job and the local minima of its energy (§5), and every built-in scene."""
+
+import dataclasses
+import math
+import statistics
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import wilcoxon
+
+from regrasp.errors import RegraspError
+from regrasp.plan import RELOCATE
+from regrasp.planner.grasp import Grasp
+from regrasp.planner.local import Codes, ContactMotions, random_motions, terms_of
+from regrasp.planner.method import Settings, Task, arc_path, first_grasp, plan_scene, prepare
+from regrasp.planner.motion import detail
+from regrasp.planner.outcome import Failure
+from regrasp.planner.path import Path
+from regrasp.planner.relocation import new_scan
+from regrasp.planner.settings import read
+from regrasp.scene.load import builtin, load
+from regrasp.search.annealing import Settings as Annealing
+from regrasp.search.annealing import anneal
+from regrasp.verify.check import check
+
+PAPER_SECONDS = 3600.0
+"""§5: "computing 30 subintervals on a PC with 4000 SA iterations takes one hour"."""
+PAPER_ITERATIONS = 4000
+PAPER_SCENE = "fig4-relocation"
+JOBS: dict[str, dict[str, Any]] = {"fig3-puma3": {}, PAPER_SCENE: {"intervals": 30, "turn": math.pi / 60}}
+"""Scenes whose first segment is searched, with settings: of the half turn, 90° in the paper's 30 intervals."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One segment with the grasp at its start: what the local planner works on."""
+
+    task: Task
+    path: Path
+    grasp: Grasp
+
+    def random_start(self, seed: int) -> Codes:
+        """A random V."""
+        return random_motions(len(self.path.R_WO), len(self.task.names), np.random.default_rng(seed))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One search on a Job: s from V to the finished motion, E of the first and the best V, V itself.
+
+    processor_seconds: what the process had of its cores in that time; more than `seconds` if it used several.
+    feasible: every constraint holds at every sample.
+    """
+
+    seconds: float
+    processor_seconds: float
+    evaluations: int
+    before: float
+    after: float
+    V: Codes
+    feasible: bool
+
+
+def job(name: str) -> Job:
+    """The first segment of one of JOBS; raises RegraspError if the scene has no route or no grasp."""
+    scene = load(name)
+    settings = dataclasses.replace(read(Settings, scene.planner), **JOBS[name])
+    task = prepare(scene, settings)
+    route = task.router.route(task.router.grid.start, lambda: False)
+    if isinstance(route, Failure):
+        raise RegraspError(f"{name}: {route}")
+    path = arc_path(task, route[0], route[1])[0]
+    grasp = first_grasp(task, path, np.random.default_rng(0))
+    if isinstance(grasp, Failure):
+        raise RegraspError(f"{name}: {grasp}")
+    return Job(task, path, grasp)
+
+
+def search(job: Job, V: Codes, annealing: Annealing, seed: int) -> Run:
+    """Search from V as the local planner does, up to the motion with all joints, contacts and forces."""
+    hand, local = job.task.hand, job.task.settings.local
+    started, processor = time.perf_counter(), time.process_time()
+    terms, scan = terms_of(hand, local), new_scan(hand, job.path, local.relocation)
+    problem = ContactMotions(hand, job.path, scan, terms, job.grasp, V)
+    before = problem.energy()
+    result = anneal(problem, annealing, np.random.default_rng(seed))
+    problem.reset(result.best)
+    motion = detail(hand, job.path, scan, terms, problem.current, result.best, problem.work, job.task.names)
+    seconds, processor = time.perf_counter() - started, time.process_time() - processor
+    trials = annealing.trials if annealing.acceptance > 0.0 else 0
+    evaluations = len(result.energies) - 1 + trials
+    return Run(seconds, processor, evaluations, before, result.best_energy, result.best, not motion.violations)
+
+
+def compile_kernels() -> float:
+    """Plan every built-in scene with next to no iterations, so that nothing is left to compile; s it took."""
+    say("compiling the kernels (minutes the first time, then they are kept beside the sources)")
+    started = time.perf_counter()
+    for name in builtin():
+        scene = load(name)
+        settings = read(Settings, scene.planner)
+        local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
+        plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local))
+    seconds = time.perf_counter() - started
+    say(f"compiled or loaded in {seconds:.1f} s")
+    return seconds
+
+
+def paper(seeds: int) -> dict[str, Any]:
+    """The paper's job (§5): 30 intervals, four Puma fingers, 4000 iterations, relocation allowed, one core."""
+    compiling = compile_kernels()
+    work = job(PAPER_SCENE)
+    annealing = dataclasses.replace(work.task.settings.local.annealing, iterations=PAPER_ITERATIONS)
+    runs = []
+    for seed in range(seeds):
+        runs.append(search(work, work.random_start(seed), annealing, seed))
+        say(f"{PAPER_SCENE}, seed {seed}: {runs[-1].seconds:.2f} s, energy {runs[-1].after:.2f}")
+    seconds = statistics.median(run.seconds for run in runs)
+    answer = {
+        "scene": PAPER_SCENE,
+        "intervals": len(work.path.R_WO),
+        "agents": len(work.task.names),
+        "iterations": PAPER_ITERATIONS,
+        "runs": seeds,
+        "compiling_seconds": compiling,
+        "seconds": seconds,
+        "processor_seconds": statistics.median(run.processor_seconds for run in runs),
+        "slowest_seconds": max(run.seconds for run in runs),
+        "evaluations_per_second": statistics.median(run.evaluations / run.seconds for run in runs),
+        "energy_before": statistics.median(run.before for run in runs),
+        "energy_after": statistics.median(run.after for run in runs),
+        "feasible": sum(run.feasible for run in runs),
+        "paper_seconds": PAPER_SECONDS,
+        "ratio": PAPER_SECONDS / seconds,
+    }
+    table = Table(title=f"the paper's job on {PAPER_SCENE}", title_justify="left")
+    for heading in ("", "the paper", "here"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    table.add_row("intervals × agents", "30 × 4", f"{answer['intervals']} × {answer['agents']}")
+    table.add_row("iterations", str(PAPER_ITERATIONS), str(PAPER_ITERATIONS))
+    table.add_row("time, median of the runs", "1 h", f"{seconds:.2f} s")
+    table.add_row("processor time, median", "", f"{answer['processor_seconds']:.2f} s")
+    table.add_row("slowest run", "", f"{answer['slowest_seconds']:.2f} s")
+    table.add_row("ratio", "1", f"{answer['ratio']:.0f}")
+    table.add_row("evaluations per second", "", f"{answer['evaluations_per_second']:.0f}")
+    table.add_row("energy of the random V, median", "", f"{answer['energy_before']:.1f}")
+    table.add_row("energy at the end, median", "", f"{answer['energy_after']:.2f}")
+    table.add_row("runs in which every constraint holds", "", f"{answer['feasible']} of {seeds}")
+    Console().print(table)
+    return answer
+
+
+def minima(seeds: int) -> dict[str, Any]:
+    """Downhill searches and annealing from the same random V's (§5): downhill ends in many minima, annealing lower.
+
+    Both evaluate as many V's. Passed if downhill ends in more than one V and Wilcoxon's signed-rank test, one-sided,
+    gives p < 0.05 for annealing's ends being lower.
+    """
+    compile_kernels()
+    rows = []
+    for name in JOBS:
+        work = job(name)
+        warm = work.task.settings.local.annealing
+        cold = dataclasses.replace(warm, acceptance=0.0, iterations=warm.iterations + warm.trials)
+        ends: dict[str, list[Run]] = {"downhill": [], "annealing": []}
+        for seed in range(seeds):
+            V = work.random_start(seed)
+            for kind, settings in (("downhill", cold), ("annealing", warm)):
+                ends[kind].append(search(work, V, settings, seed))
+                say(f"{name}, seed {seed}: {kind} ends at {ends[kind][-1].after:.2f}")
+        rows.append(comparison(name, ends["downhill"], ends["annealing"]))
+    table = Table(title=f"ends of searches from {seeds} random V's, equal numbers of evaluations", title_justify="left")
+    for heading in ("scene", "search", "different V's", "energies", "least", "median", "greatest", "feasible"):
+        table.add_column(heading, justify="left" if heading in ("scene", "search") else "right")
+    for row in rows:
+        for kind in ("downhill", "annealing"):
+            end = row[kind]
+            table.add_row(
+                row["scene"], kind, str(end["different"]), str(end["different_energies"]), f"{end['least']:.2f}",
+                f"{end['median']:.2f}", f"{end['greatest']:.2f}", f"{end['feasible']} of {seeds}",
+            )  # fmt: skip
+    console = Console()
+    console.print(table)
+    for row in rows:
+        console.print(
+            f"{row['scene']}: annealing ends lower in {row['lower']}, higher in {row['higher']} of {seeds}, "
+            f"p = {row['p']:.2g} (Wilcoxon's signed ranks, one-sided)"
+        )
+    return {"passed": all(row["downhill"]["different"] > 1 and row["p"] < 0.05 for row in rows), "scenes": rows}
+
+
+def comparison(name: str, downhill: list[Run], annealed: list[Run]) -> dict[str, Any]:
+    """Where the two searches ended, and how sure it is that annealing ends lower."""
+    gain = np.array([a.after - d.after for a, d in zip(annealed, downhill, strict=True)])
+    # The test is not defined where all pairs are equal; then nothing is shown.
+    p = float(wilcoxon(gain, alternative="less").pvalue) if np.any(gain) else 1.0
+    return {
+        "scene": name,
+        "downhill": distribution(downhill),
+        "annealing": distribution(annealed),
+        "lower": int(np.sum(gain < 0.0)),
+        "higher": int(np.sum(gain > 0.0)),
+        "p": p,
+    }
+
+
+def distribution(runs: list[Run]) -> dict[str, Any]:
+    """How many ends differ, and where their energies lie."""
+    energies = [run.after for run in runs]
+    return {
+        "different": len({run.V.tobytes() for run in runs}),
+        "different_energies": len({round(energy, 6) for energy in energies}),
+        "least": min(energies),
+        "median": statistics.median(energies),
+        "greatest": max(energies),
+        "feasible": sum(run.feasible for run in runs),
+    }
+
+
+def scenes(seeds: int) -> dict[str, Any]:
+    """Every built-in scene with seeds 0 … seeds − 1 and default settings, planned and checked.
+
+    Passed if at least 9 of 10 are certified on each.
+    """
+    compile_kernels()
+    rows = [scene_row(name, seeds) for name in builtin()]
+    table = Table(title=f"built-in scenes, {seeds} seeds, default settings", title_justify="left")
+    for heading in ("scene", "planned", "certified", "median s", "slowest s", "intervals", "relocations"):
+        table.add_column(heading, justify="left" if heading == "scene" else "right")
+    for row in rows:
+        table.add_row(
+            row["scene"], str(row["planned"]), str(row["certified"]), f"{row['seconds']:.2f}",
+            f"{row['slowest_seconds']:.2f}", *("-" if row[key] is None else f"{row[key]:g}" for key in COUNTS),
+        )  # fmt: skip
+    console = Console()
+    console.print(table)
+    for row in rows:
+        for reason in row["reasons"]:
+            console.print(f"{row['scene']}, {reason}", markup=False)
+    return {"passed": all(10 * row["certified"] >= 9 * seeds for row in rows), "seeds": seeds, "scenes": rows}
+
+
+COUNTS = ("intervals", "relocations")
+"""Medians over the plans found."""
+
+
+def scene_row(name: str, seeds: int) -> dict[str, Any]:
+    """One built-in scene: how many seeds are planned and certified, how fast, and why the others are not."""
+    scene = load(name)
+    settings = read(Settings, scene.planner)
+    seconds, plans, certified, reasons = [], [], 0, []
+    for seed in range(seeds):
+        started = time.perf_counter()
+        outcome = plan_scene(scene, seed, settings)
+        seconds.append(time.perf_counter() - started)
+        if outcome.plan is None:
+            reason = f"no plan: {outcome.failure}"
+        else:
+            plans.append(outcome.plan)
+            refusals = check(outcome.plan).refusals
+            reason = "; ".join(f"refused: {finding}" for finding in refusals)
+        certified += not reason
+        say(f"{name}, seed {seed}: {reason or 'certified'}, {seconds[-1]:.2f} s")
+        if reason:
+            reasons.append(f"seed {seed}: {reason}")
+    counts = ([len(plan.V) for plan in plans], [int(np.sum(plan.V == RELOCATE)) for plan in plans])
+    return {
+        "scene": name,
+        "planned": len(plans),
+        "certified": certified,
+        "seconds": statistics.median(seconds),
+        "slowest_seconds": max(seconds),
+        **{key: statistics.median(each) if plans else None for key, each in zip(COUNTS, counts, strict=True)},
+        "reasons": reasons,
+    }
+
+
+def say(line: str) -> None:
+    """Tell how far the work is, on stderr."""
+    print(line, file=sys.stderr, flush=True)

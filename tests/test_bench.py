@@ -1,0 +1,74 @@
+"""What is measured is what is said: the paper's job, equal searches, the marks that decide the exit code."""
+
+import numpy as np
+import pytest
+
+from regrasp import bench
+from regrasp.planner.outcome import Failure, Outcome
+
+
+def run(after: float, code: int = 0) -> bench.Run:
+    return bench.Run(1.0, 1.0, 10, 100.0, after, np.full((2, 3), code, np.int8), True)
+
+
+@pytest.fixture(scope="module")
+def paper_job():
+    return bench.job(bench.PAPER_SCENE)
+
+
+def test_the_papers_job_is_thirty_intervals_of_four_puma_fingers(paper_job):
+    assert len(paper_job.path.R_WO) == 30
+    assert len(paper_job.task.names) == 4
+    assert np.all(np.diff(paper_job.task.hand.chains.start) == 6)
+    assert paper_job.task.settings.local.annealing.iterations == bench.PAPER_ITERATIONS
+    assert paper_job.path.R_WO[0, 0] == pytest.approx(np.eye(3))
+    assert np.trace(paper_job.path.R_WO[-1, -1]) == pytest.approx(1.0, abs=1e-6)  # 90 degrees
+
+
+def test_a_search_counts_its_evaluations_and_is_the_same_for_the_same_seed(paper_job):
+    V = paper_job.random_start(3)
+    settings = bench.Annealing(iterations=40, trials=10)
+    first, again = (bench.search(paper_job, V, settings, 3) for _ in range(2))
+    assert first.evaluations == 50
+    assert first.after <= first.before
+    assert (first.after, first.V.tobytes()) == (again.after, again.V.tobytes())
+    cold = bench.search(paper_job, V, bench.Annealing(iterations=50, acceptance=0.0), 3)
+    assert (cold.evaluations, cold.before) == (50, first.before)
+
+
+def test_comparison_counts_ends_and_tests_pairs():
+    downhill = [run(10.0 + a % 3, a) for a in range(8)]
+    row = bench.comparison("x", downhill, [run(9.0) for _ in range(8)])
+    assert (row["lower"], row["higher"]) == (8, 0)
+    assert row["p"] == pytest.approx(0.5**8)
+    assert (row["downhill"]["different"], row["downhill"]["different_energies"]) == (8, 3)
+    assert (row["annealing"]["different"], row["annealing"]["median"]) == (1, 9.0)
+    assert bench.comparison("x", downhill, downhill)["p"] == 1.0
+
+
+@pytest.mark.parametrize(("planned", "passed"), [(10, True), (9, True), (8, False)])
+def test_nine_of_ten_certified_plans_pass(planned, passed, home_plan, monkeypatch, capsys):
+    plan = home_plan("fig3-puma3")
+    failure = Failure("equilibrium", "segment 1", "object", "no contact forces hold it", "more friction")
+    certificate = type("Certificate", (), {"refusals": ()})
+    monkeypatch.setattr(bench, "builtin", lambda: {"fig3-puma3": ""})
+    monkeypatch.setattr(bench, "compile_kernels", lambda: 0.0)
+    monkeypatch.setattr(bench, "check", lambda _: certificate)
+    monkeypatch.setattr(
+        bench, "plan_scene", lambda _, seed, __: Outcome(plan, None) if seed < planned else Outcome(None, failure)
+    )
+    answer = bench.scenes(seeds=10)
+    row = answer["scenes"][0]
+    assert answer["passed"] is passed
+    assert (row["planned"], row["certified"], row["intervals"]) == (planned, planned, len(plan.V))
+    assert row["relocations"] == 1
+    assert len(row["reasons"]) == 10 - planned
+    assert ("no contact forces hold it" in capsys.readouterr().out) is (planned < 10)
+
+
+def test_a_refused_plan_is_not_certified(home_plan, monkeypatch):
+    monkeypatch.setattr(bench, "plan_scene", lambda *_: Outcome(home_plan("fig3-puma3"), None))
+    # Standing fingers hold no moving object: `check` refuses, and says why.
+    row = bench.scene_row("fig3-puma3", 2)
+    assert (row["planned"], row["certified"]) == (2, 0)
+    assert all("refused" in reason for reason in row["reasons"])
