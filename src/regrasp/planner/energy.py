@@ -6,7 +6,6 @@ partial sum, to which every further term only adds, exceeds the bound that the M
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance, is_sliding, slide_direction
 from regrasp.planner.collision import block_hit, place, tip_hit
@@ -49,7 +49,7 @@ class Energy:
     friction_margin: float = 0.1
 
 
-class Terms(NamedTuple):
+class Terms(Record):
     """The settings of Energy and Relocation as the kernels take them; high: lift height, m."""
 
     collision: float
@@ -64,7 +64,7 @@ class Terms(NamedTuple):
     commands: Array
 
 
-class Work(NamedTuple):
+class Work(Record):
     """Scratch of one evaluation."""
 
     lp: Program

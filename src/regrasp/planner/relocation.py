@@ -1,7 +1,6 @@
 """Relocation (paper §3): the scan of the object's surface for a new contact, and the free motion that leads there."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.basis import Program
+from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.surfaces import project
@@ -43,7 +43,7 @@ class Relocation:
     outlook: float = 3.0
 
 
-class Scan(NamedTuple):
+class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction

@@ -1,11 +1,11 @@
 """Where every agent and contact is at the ends of all intervals, under one matrix V."""
 
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.records import Record
 from regrasp.planner.hand import Hand
 from regrasp.planner.path import Path
 
@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
 
-class State(NamedTuple):
+class State(Record):
     """Configurations j = 0 … n (rows of the first group), intervals j = 0 … n − 1 (rows of the second).
 
     q (n + 1, nq); holds (n + 1, k): in contact; p_OC, p_TC (n + 1, k, 3), R_OT (n + 1, k, 3, 3): the contact on the object
