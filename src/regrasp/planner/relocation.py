@@ -245,12 +245,12 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
 @njit(cache=True, nogil=True)
 def scan_contacts(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8],
-    clearance: float, margin: float, outlook: float, lp: Program, score: Array,
+    clearance: float, margin: float, lp: Program, score: Array,
 ) -> None:  # fmt: skip
-    """Objective of every candidate for agent i at the end of interval j, inf where it can't stand (paper §3).
+    """The paper's objective of every candidate for agent i at the end of interval j; inf where the object isn't held.
 
-    The sum of the contact forces as if the agent stood there, others as they are; to it is added the lost part of the
-    coming way times `outlook`: a contact that is about to leave the agent's reach would be relocated again at once.
+    It is the sum of the contact forces as if the agent stood there, the others as they are. Whether the agent can stand
+    there is asked of those that promise most only (`relocate`); what is known already is not asked again.
     """
     k, m = len(hand.tip_geom), path.R_WO.shape[1] - 1
     codes = np.zeros(k, np.int8)
@@ -264,16 +264,22 @@ def scan_contacts(
         t[a] = state.t_O[j, 1, a]
     stands[i] = 1
     codes[i] = STAY
+    half = len(scan.p_O) // 2
+    full = is_full(hand, i)
     for c in range(len(scan.p_O)):
         score[c] = np.inf
-        if not candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+        if scan.status[i, j + 1, c] == BARRED:
             continue
-        p[i] = scan.p[i, j + 1, c]
-        n[i] = scan.n[i, j + 1, c]
+        if full and c >= half and scan.status[i, j + 1, c - half] != BARRED:
+            score[c] = score[c - half]  # the same point
+            continue
+        if not full and not candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+            continue  # a short chain moves its candidate, so it must be known before the forces
+        p[i] = scan.p_O[c] if full else scan.p[i, j + 1, c]
+        n[i] = scan.n_O[c] if full else scan.n[i, j + 1, c]
         held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
         if held:
-            lost = 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance)
-            score[c] = value + outlook * lost
+            score[c] = value
 
 
 @njit(cache=True, nogil=True)
@@ -414,15 +420,30 @@ def relocate(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8], clearance: float,
     margin: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0)."""
-    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, outlook, lp, score)
+    """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0).
+
+    Deviation: to the sum of forces is added the part of the coming way on which the contact can't be kept, times
+    `outlook`; a contact that is about to leave the agent's reach would have to be relocated again at once. As this only
+    adds, candidates are taken in the order of the sum of forces and are looked at closely when their turn comes.
+    """
+    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, lp, score)
+    seen = np.zeros(len(score), np.uint8)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     lands = tries > 0
-    for _ in range(tries):
+    left = tries
+    while left > 0:
         c = np.argmin(score)
         if score[c] == np.inf:
             break
+        if seen[c] == 0:
+            seen[c] = 1
+            if candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+                score[c] += outlook * (1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance))
+            else:
+                score[c] = np.inf
+            continue
         score[c] = np.inf
+        left -= 1
         for way in range(WAYS):
             if free_motion(
                 hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p[i, j + 1, c], scan.n[i, j + 1, c],
