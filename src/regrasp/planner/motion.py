@@ -23,7 +23,7 @@ from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 
-SAME = 1e-7  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
+SAME = 1e-4  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
 
 
 @dataclass(frozen=True)
