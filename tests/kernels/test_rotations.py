@@ -76,13 +76,17 @@ def test_log_of_half_turns(axis):
 def test_products_agree_with_numpy_also_in_place(seed):
     rng = np.random.default_rng(seed)
     A, B = Rotation.random(2, rng=rng).as_matrix()
-    a, b, out, product = rng.normal(size=3), rng.normal(size=3), np.empty(3), np.empty((3, 3))
+    a, b, product = rng.normal(size=3), rng.normal(size=3), np.empty((3, 3))
     rotations.multiply(A, B, product)
     np.testing.assert_allclose(product, A @ B, atol=1e-15)
     rotations.multiply_back(A, B, product)
     np.testing.assert_allclose(product, A.T @ B, atol=1e-15)
-    rotations.cross(a, b, out)
-    np.testing.assert_allclose(out, np.cross(a, b), atol=1e-14)
+    for left, right in ((a, b), (tuple(a), tuple(b))):
+        np.testing.assert_allclose(rotations.cross(left, right), np.cross(a, b), atol=1e-14)
+        np.testing.assert_allclose(rotations.plus(left, 0.3, right), a + 0.3 * b, atol=1e-15)
+        np.testing.assert_array_equal(rotations.minus(left, right), a - b)
+        np.testing.assert_allclose(rotations.along(left, right, -2.0, 0.3), -2.0 * a + 0.3 * b, atol=1e-14)
+        np.testing.assert_allclose(rotations.unit(left), a / np.linalg.norm(a), atol=1e-15)
     assert rotations.dot(a, b) == pytest.approx(a @ b, abs=1e-14)
     assert rotations.norm(a) == pytest.approx(np.linalg.norm(a), rel=1e-15)
     for function, expected in ((rotations.rotate, A @ a), (rotations.rotate_back, A.T @ a)):

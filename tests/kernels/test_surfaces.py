@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad
 from scipy.spatial import cKDTree
 
+from regrasp.kernels.sampling import sample
 from regrasp.kernels.surfaces import (
     BOX,
     CAPSULE,
@@ -16,7 +17,6 @@ from regrasp.kernels.surfaces import (
     SPHERE,
     implicit,
     project,
-    sample,
     shape_operator,
     tangents,
 )

@@ -189,6 +189,30 @@ def test_contact_friction_is_that_of_tip_and_support() -> None:
     assert friction[frozenset((int(world.support_geoms[0]), int(world.object_geoms[0])))] == 0.4
 
 
+@pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar"])
+def test_fingers_that_are_not_listed_stand_still_at_home_as_obstacles(name: str) -> None:
+    whole = build(load(name))
+    data = whole.scene.model_dump(mode="json") | {"agents": [{"name": "finger3"}, {"name": "finger1"}]}
+    world = build(validate(data))
+    for some in (world, from_plan(world.scene.model_dump(mode="json"), world.xml, world.assets)):
+        assert [agent.name for agent in some.agents] == ["finger3", "finger1"]
+        assert some.model.njnt == sum(len(agent.joints) for agent in some.agents) + 1
+        poses = []
+        for each in (whole, some):
+            state = mujoco.MjData(each.model)
+            state.qpos[:] = each.start
+            mujoco.mj_kinematics(each.model, state)
+            poses.append(
+                [(state.geom(i).name, *state.geom_xpos[i], *state.geom_xmat[i]) for i in range(each.model.ngeom)]
+            )
+        for (geom, *X), (same, *Y) in zip(*poses, strict=True):
+            assert geom == same
+            np.testing.assert_allclose(X, Y, atol=1e-12)
+        idle = {g for g in range(some.model.ngeom) if some.model.geom(g).name.startswith("finger2/")}
+        assert idle <= set(some.static_geoms.tolist())
+        assert {frozenset(("finger2/tip", other)) for other in ("finger1/tip", "object/0")} <= names(some)
+
+
 def test_planar_fingers_stay_in_their_plane() -> None:
     world = build(load("fig2-planar"))
     data = mujoco.MjData(world.model)

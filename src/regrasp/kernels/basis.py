@@ -4,20 +4,21 @@ The rows are equilibrium (always active) and those caps that were violated on th
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import Array
+
 Indices = NDArray[np.int64]
 
 # A column whose best pivot is smaller depends on the others.
 _SINGULAR = 1e-6
 
 
-class Program(NamedTuple):
+class Program(Record):
     """The program's data, its result and the solver's work space, for up to N columns and G groups.
 
     Rows 0–5 are equilibrium, row 6+g is the cap of group g. A basis holds one variable per row: j ≥ 0 is column j,

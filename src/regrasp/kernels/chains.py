@@ -5,18 +5,18 @@ the last link. Every pose is X_AB = (R_AB, p_AB).
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, multiply
 
 HINGE, SLIDE = 0, 1
 
 
-class Chains(NamedTuple):
+class Chains(Record):
     """k serial chains behind one another: the joints of chain a are start[a] … start[a + 1] − 1 (n_a of nq in all)."""
 
     start: NDArray[np.int64]  # (k + 1,)

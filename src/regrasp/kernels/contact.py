@@ -12,15 +12,14 @@ the tip in T; R_OT (3, 3), the tip's orientation; x_O (3,), the unit tangent tha
 others are n × x and n). The tip's frame then stands at p_OT = p_OC − R_OT p_TC.
 
 Surfaces are given by (kind, size) of `surfaces`. Inside, vectors are triples, an orientation is the triple of its
-columns and `pair` is (kind_O, size_O, kind_T, size_T): triples stay in registers where arrays would cost more than the
-arithmetic. Functions that can fail return OK, FLAT or LOST.
+columns and `pair` is (kind_O, size_O, kind_T, size_T). Functions that can fail return OK, FLAT or LOST.
 """
 
 import math
 
 from numba import njit
 
-from regrasp.kernels.rotations import Array, Triple, dot, norm, rodrigues
+from regrasp.kernels.rotations import Array, Triple, along, cross, dot, norm, plus, rodrigues, triple, unit
 from regrasp.kernels.surfaces import bend, field, frame
 
 Columns = tuple[Triple, Triple, Triple]
@@ -42,35 +41,13 @@ _ITERATIONS = 20
 
 
 @njit(cache=True, nogil=True)
-def _triple(a: Array) -> Triple:
-    return a[0], a[1], a[2]
-
-
-@njit(cache=True, nogil=True)
 def _columns(R: Array) -> Columns:
     return (R[0, 0], R[1, 0], R[2, 0]), (R[0, 1], R[1, 1], R[2, 1]), (R[0, 2], R[1, 2], R[2, 2])
 
 
 @njit(cache=True, nogil=True)
-def _plus(a: Triple, k: float, b: Triple) -> Triple:
-    """a + k b."""
-    return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
-
-
-@njit(cache=True, nogil=True)
-def _cross(a: Triple, b: Triple) -> Triple:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, nogil=True)
-def _along(x: Triple, y: Triple, a_x: float, a_y: float) -> Triple:
-    """a_x x + a_y y."""
-    return a_x * x[0] + a_y * y[0], a_x * x[1] + a_y * y[1], a_x * x[2] + a_y * y[2]
-
-
-@njit(cache=True, nogil=True)
 def _to_object(R: Columns, a: Triple) -> Triple:
-    return _plus(_along(R[0], R[1], a[0], a[1]), a[2], R[2])
+    return plus(along(R[0], R[1], a[0], a[1]), a[2], R[2])
 
 
 @njit(cache=True, nogil=True)
@@ -82,18 +59,12 @@ def _to_tip(R: Columns, a: Triple) -> Triple:
 def _turn(w: Triple, R: Columns) -> Columns:
     """exp([w]) R."""
     s, c = rodrigues(dot(w, w))
-    u0, u1, u2 = _cross(w, R[0]), _cross(w, R[1]), _cross(w, R[2])
+    u0, u1, u2 = cross(w, R[0]), cross(w, R[1]), cross(w, R[2])
     return (
-        _plus(_plus(R[0], s, u0), c, _cross(w, u0)),
-        _plus(_plus(R[1], s, u1), c, _cross(w, u1)),
-        _plus(_plus(R[2], s, u2), c, _cross(w, u2)),
+        plus(plus(R[0], s, u0), c, cross(w, u0)),
+        plus(plus(R[1], s, u1), c, cross(w, u1)),
+        plus(plus(R[2], s, u2), c, cross(w, u2)),
     )
-
-
-@njit(cache=True, nogil=True)
-def _unit(a: Triple) -> Triple:
-    length = norm(a)
-    return a[0] / length, a[1] / length, a[2] / length
 
 
 @njit(cache=True, nogil=True)
@@ -103,8 +74,8 @@ def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     Along a path of contact points this is parallel transport, to third order in the step between n and m.
     """
     k = dot(m, x) / (1.0 + dot(n, m))
-    x = _plus(_plus(x, -k, n), -k, m)
-    return _unit(_plus(x, -dot(m, x), m))  # round-off would grow over many steps
+    x = plus(plus(x, -k, n), -k, m)
+    return unit(plus(x, -dot(m, x), m))  # round-off would grow over many steps
 
 
 @njit(cache=True, nogil=True)
@@ -116,9 +87,9 @@ def _retract(kind: int, size: Array, p: Triple) -> tuple[Triple, Triple]:
         # |F|/|∇F| is the distance to the surface to first order, and p itself is known to round-off only.
         if abs(F) <= 1e-15 * math.sqrt(slope * dot(p, p)):
             break
-        p = _plus(p, -F / slope, g)
+        p = plus(p, -F / slope, g)
         F, g = field(kind, size, p)
-    return p, _unit(g)
+    return p, unit(g)
 
 
 @njit(cache=True, nogil=True)
@@ -132,17 +103,9 @@ def _curvature(kind: int, size: Array, p: Triple, x: Triple, y: Triple) -> Tripl
 
 @njit(cache=True, nogil=True)
 def _solve(
-    pair: Pair,
-    p: Triple,
-    c: Triple,
-    R: Columns,
-    x: Triple,
-    y: Triple,
-    turn_x: float,
-    turn_y: float,
-    v_x: float,
-    v_y: float,
-) -> tuple[int, float, float, Triple, Triple]:
+    pair: Pair, p: Triple, c: Triple, R: Columns, x: Triple, y: Triple,
+    turn_x: float, turn_y: float, v_x: float, v_y: float,
+) -> tuple[int, float, float, Triple, Triple]:  # fmt: skip
     """(status, ṗ_x, ṗ_y, S_O, S_T) of (S_O + S_T) ṗ = turn + S_T v, all on the object's tangents x, y."""
     kind_O, size_O, kind_T, size_T = pair
     S_O = _curvature(kind_O, size_O, p, x, y)
@@ -161,7 +124,7 @@ def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     """The chord under a geodesic arc of length and direction d at its middle, to third order: d − (dᵀSd) Sd/24."""
     t_x, t_y = S[0] * d_x + S[1] * d_y, S[1] * d_x + S[2] * d_y
     k = (d_x * t_x + d_y * t_y) / 24.0
-    return _along(x, y, d_x - k * t_x, d_y - k * t_y)
+    return along(x, y, d_x - k * t_x, d_y - k * t_y)
 
 
 @njit(cache=True, nogil=True)
@@ -170,42 +133,29 @@ def _rates(
 ) -> tuple[int, Triple, Triple, Triple]:
     """(status, ṗ_O, ċ_T, ω_O) for a motion `command` given on the tangents x and n × x."""
     w_x, w_y, v_x, v_y = command
-    y = _cross(n, x)
+    y = cross(n, x)
     status, p_x, p_y, _, _ = _solve(pair, p, c, R, x, y, w_y, -w_x, v_x, v_y)
-    return status, _along(x, y, p_x, p_y), _to_tip(R, _along(x, y, p_x - v_x, p_y - v_y)), _along(x, y, w_x, w_y)
+    return status, along(x, y, p_x, p_y), _to_tip(R, along(x, y, p_x - v_x, p_y - v_y)), along(x, y, w_x, w_y)
 
 
 @njit(cache=True, nogil=True)
 def contact_rates(
-    kind_O: int,
-    size_O: Array,
-    kind_T: int,
-    size_T: Array,
-    p_OC: Array,
-    p_TC: Array,
-    R_OT: Array,
-    w_O: Array,
-    v_O: Array,
-    pdot_O: Array,
-    cdot_T: Array,
-) -> int:
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, p_OC: Array, p_TC: Array, R_OT: Array,
+    w_O: Array, v_O: Array,
+    pdot_O: Array, cdot_T: Array,
+) -> int:  # fmt: skip
     """Montana's contact equations for any relative motion: velocities of the contact over both surfaces.
 
     `w_O`, `v_O` (3,): angular velocity of the tip relative to the object, spin included, and velocity of the tip's
     material point at the contact, in O (of v only the tangential part counts). Writes `pdot_O` (3,), the velocity of
     the contact on the object in O, and `cdot_T` (3,), that on the tip in T. Returns OK, or FLAT with both meaningless.
     """
-    n = _unit(field(kind_O, size_O, p_OC)[1])
+    n = unit(field(kind_O, size_O, p_OC)[1])
     x, y = frame(n)
     status, pdot, cdot, _ = _rates(
-        (kind_O, size_O, kind_T, size_T),
-        _triple(p_OC),
-        _triple(p_TC),
-        _columns(R_OT),
-        n,
-        x,
+        (kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT), n, x,
         (dot(x, w_O), dot(y, w_O), dot(x, v_O), dot(y, v_O)),
-    )
+    )  # fmt: skip
     pdot_O[0], pdot_O[1], pdot_O[2] = pdot
     cdot_T[0], cdot_T[1], cdot_T[2] = cdot
     return status
@@ -220,7 +170,7 @@ def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, T
     for iteration in range(_ITERATIONS):
         p, n = _retract(kind_O, size_O, p)
         c, n_T = _retract(kind_T, size_T, c)
-        m = _plus(n, 1.0, _to_object(R, n_T))
+        m = plus(n, 1.0, _to_object(R, n_T))
         gap = norm(m)
         if iteration == 0:
             first = gap
@@ -232,10 +182,10 @@ def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, T
             status, d_x, d_y, _, _ = _solve(pair, p, c, R, x, y, -dot(x, m), -dot(y, m), 0.0, 0.0)
             if status != OK:
                 return status, first, p, c, n
-            step = _along(x, y, d_x, d_y)
+            step = along(x, y, d_x, d_y)
         else:  # a seam lies in between, where Newton's step may overshoot for ever
-            step = _along(step, step, 0.5, 0.0)
-        p, c = _plus(p_from, 1.0, step), _plus(c_from, 1.0, _to_tip(R, step))
+            step = along(step, step, 0.5, 0.0)
+        p, c = plus(p_from, 1.0, step), plus(c_from, 1.0, _to_tip(R, step))
     return LOST, first, p, c, n
 
 
@@ -249,7 +199,7 @@ def settle(
     a correction that rolls and never slips, so the lengths of the two contact paths stay equal. p_OC and p_TC are in
     and out (untouched unless OK). Returns (status, angle between the normals at the start [rad]).
     """
-    status, gap, p, c, _ = _settle((kind_O, size_O, kind_T, size_T), _triple(p_OC), _triple(p_TC), _columns(R_OT))
+    status, gap, p, c, _ = _settle((kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT))
     if status == OK:
         p_OC[0], p_OC[1], p_OC[2] = p
         p_TC[0], p_TC[1], p_TC[2] = c
@@ -264,18 +214,18 @@ def _midpoint(
     status, pdot, cdot, w = _rates(pair, p, c, R, n, x, command)
     if status != OK:
         return status, 0.0, p, c, R, x, n
-    p_mid, c_mid, R_mid = _plus(p, 0.5, pdot), _plus(c, 0.5, cdot), _turn(_along(w, w, 0.5, 0.0), R)
-    n_mid = _unit(field(pair[0], pair[1], p_mid)[1])
+    p_mid, c_mid, R_mid = plus(p, 0.5, pdot), plus(c, 0.5, cdot), _turn(along(w, w, 0.5, 0.0), R)
+    n_mid = unit(field(pair[0], pair[1], p_mid)[1])
     x_mid = _transport(n, n_mid, x)
-    y_mid = _cross(n_mid, x_mid)
+    y_mid = cross(n_mid, x_mid)
     w_x, w_y, v_x, v_y = command
     status, p_x, p_y, S_O, S_T = _solve(pair, p_mid, c_mid, R_mid, x_mid, y_mid, w_y, -w_x, v_x, v_y)
     if status != OK:
         return status, 0.0, p, c, R, x, n
     # Chords instead of arcs: a step of the arc's length would fall short on the more curved of the two surfaces.
-    p = _plus(p, 1.0, _chord(S_O, x_mid, y_mid, p_x, p_y))
-    c = _plus(c, 1.0, _to_tip(R_mid, _chord(S_T, x_mid, y_mid, p_x - v_x, p_y - v_y)))
-    R = _turn(_along(x_mid, y_mid, w_x, w_y), R)
+    p = plus(p, 1.0, _chord(S_O, x_mid, y_mid, p_x, p_y))
+    c = plus(c, 1.0, _to_tip(R_mid, _chord(S_T, x_mid, y_mid, p_x - v_x, p_y - v_y)))
+    R = _turn(along(x_mid, y_mid, w_x, w_y), R)
     status, gap, p, c, n_end = _settle(pair, p, c, R)
     return status, gap, p, c, R, _transport(n, n_end, x), n_end
 
@@ -285,8 +235,8 @@ def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array,
     """Move the state by `command` in place; in parts where it crosses a seam, at which the midpoint rule overshoots."""
     if command[0] == 0.0 and command[1] == 0.0 and command[2] == 0.0 and command[3] == 0.0:
         return OK
-    p, c, R, x = _triple(p_OC), _triple(p_TC), _columns(R_OT), _triple(x_O)
-    n = _unit(field(pair[0], pair[1], p)[1])
+    p, c, R, x = triple(p_OC), triple(p_TC), _columns(R_OT), triple(x_O)
+    n = unit(field(pair[0], pair[1], p)[1])
     done, part = 0.0, 1.0
     status = OK
     while done < 1.0:
@@ -309,17 +259,10 @@ def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array,
 
 @njit(cache=True, nogil=True)
 def advance(
-    kind_O: int,
-    size_O: Array,
-    kind_T: int,
-    size_T: Array,
-    command: Array,
-    substeps: int,
-    p_OC: Array,
-    p_TC: Array,
-    R_OT: Array,
-    x_O: Array,
-) -> int:
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array,
+    command: Array, substeps: int,
+    p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array,
+) -> int:  # fmt: skip
     """Integrate the contact equations over a motion, in place; second order in 1/substeps, free of drift.
 
     `command` (4,) is the whole motion of the tip relative to the object, (ω_x, ω_y) [rad] and (v_x, v_y) [m] along the
@@ -331,35 +274,6 @@ def advance(
     piece = (h * command[0], h * command[1], h * command[2], h * command[3])
     for _ in range(substeps):
         status = _substep((kind_O, size_O, kind_T, size_T), piece, p_OC, p_TC, R_OT, x_O)
-        if status != OK:
-            return status
-    return OK
-
-
-@njit(cache=True, nogil=True)
-def advance_path(
-    kind_O: int,
-    size_O: Array,
-    kind_T: int,
-    size_T: Array,
-    command: Array,
-    p_OC: Array,
-    p_TC: Array,
-    R_OT: Array,
-    x_O: Array,
-) -> int:
-    """`advance` with the state after every substep kept: p_OC, p_TC, x_O (substeps + 1, 3), R_OT (substeps + 1, 3, 3).
-
-    Row 0 is the state at the start; the other rows are written, up to the substep that fails, which is returned as
-    FLAT or LOST.
-    """
-    substeps = p_OC.shape[0] - 1
-    h = 1.0 / substeps
-    piece = (h * command[0], h * command[1], h * command[2], h * command[3])
-    pair = (kind_O, size_O, kind_T, size_T)
-    for k in range(substeps):
-        p_OC[k + 1], p_TC[k + 1], R_OT[k + 1], x_O[k + 1] = p_OC[k], p_TC[k], R_OT[k], x_O[k]
-        status = _substep(pair, piece, p_OC[k + 1], p_TC[k + 1], R_OT[k + 1], x_O[k + 1])
         if status != OK:
             return status
     return OK

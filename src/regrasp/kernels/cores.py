@@ -2,22 +2,19 @@
 
 A core's size `core` (3,) is its half extents in its own frame: POINT (0, 0, 0), SEGMENT (0, 0, half length) along z,
 BOX half edges, CYLINDER (R, R, half height) about z, ELLIPSOID semi-axes; PLANE is the half-space z ≤ 0 (core unused).
-Vectors are tuples here: they live in registers, and nothing is allocated.
 """
 
 import math
 
 from numba import njit
 
-from regrasp.kernels.rotations import Array
+from regrasp.kernels.rotations import Array, Triple
 
 POINT, SEGMENT, BOX, CYLINDER, ELLIPSOID, PLANE = 0, 1, 2, 3, 4, 5
 
-Vector = tuple[float, float, float]
-
 
 @njit(cache=True, nogil=True)
-def support(kind: int, core: Array, R: Array, d: Vector) -> Vector:
+def support(kind: int, core: Array, R: Array, d: Triple) -> Triple:
     """Point of the core furthest along d (any length, not zero), from the core's centre; R its orientation in W.
 
     Both in W. Not for PLANE, which has none.

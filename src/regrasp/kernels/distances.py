@@ -4,7 +4,6 @@ A sphere is a POINT with a radius, a capsule a SEGMENT with one; kinds and core 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,12 +11,13 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.cores import BOX, PLANE, POINT, SEGMENT, support
 from regrasp.kernels.gjk import gap
+from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, multiply
 
 STATIC, OBJECT = -1, -2  # owners of the geoms that are no agent's
 
 
-class Geoms(NamedTuple):
+class Geoms(Record):
     """G collision geometries, each in the frame L of what carries it."""
 
     kind: NDArray[np.int64]  # (G,)

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from regrasp.kernels.rotations import Array, cross, plus
+
 Indices = NDArray[np.int64]
 
 EDGES = 8
@@ -29,15 +30,7 @@ def friction_edges(p: Array, n_in: Array, x: Array, y: Array, mu: float, length:
     f = n_in + μ (cos θ x + sin θ y), θ = 2π e / EDGES; n_in is the unit normal into the object, x and y are unit
     tangents, p is the contact point from the centre of mass (m), all in W. The pyramid lies inside the cone.
     """
-    a0 = p[1] * n_in[2] - p[2] * n_in[1]
-    a1 = p[2] * n_in[0] - p[0] * n_in[2]
-    a2 = p[0] * n_in[1] - p[1] * n_in[0]
-    x0 = p[1] * x[2] - p[2] * x[1]
-    x1 = p[2] * x[0] - p[0] * x[2]
-    x2 = p[0] * x[1] - p[1] * x[0]
-    y0 = p[1] * y[2] - p[2] * y[1]
-    y1 = p[2] * y[0] - p[0] * y[2]
-    y2 = p[0] * y[1] - p[1] * y[0]
+    pn, px, py = cross(p, n_in), cross(p, x), cross(p, y)
     s = 1.0 / length
     for e in range(EDGES):
         u = mu * _COS[e]
@@ -46,9 +39,9 @@ def friction_edges(p: Array, n_in: Array, x: Array, y: Array, mu: float, length:
         A[0, j] = n_in[0] + u * x[0] + v * y[0]
         A[1, j] = n_in[1] + u * x[1] + v * y[1]
         A[2, j] = n_in[2] + u * x[2] + v * y[2]
-        A[3, j] = s * (a0 + u * x0 + v * y0)
-        A[4, j] = s * (a1 + u * x1 + v * y1)
-        A[5, j] = s * (a2 + u * x2 + v * y2)
+        A[3, j] = s * (pn[0] + u * px[0] + v * py[0])
+        A[4, j] = s * (pn[1] + u * px[1] + v * py[1])
+        A[5, j] = s * (pn[2] + u * px[2] + v * py[2])
 
 
 @njit(cache=True, nogil=True)
@@ -57,16 +50,11 @@ def ray(p: Array, n_in: Array, t: Array, mu: float, length: float, A: Array, at:
 
     t is the slip v̂ of a tip relative to the object, for a support minus the object's (Coulomb). See friction_edges.
     """
-    f0 = n_in[0] + mu * t[0]
-    f1 = n_in[1] + mu * t[1]
-    f2 = n_in[2] + mu * t[2]
+    f = plus(n_in, mu, t)
+    torque = cross(p, f)
     s = 1.0 / length
-    A[0, at] = f0
-    A[1, at] = f1
-    A[2, at] = f2
-    A[3, at] = s * (p[1] * f2 - p[2] * f1)
-    A[4, at] = s * (p[2] * f0 - p[0] * f2)
-    A[5, at] = s * (p[0] * f1 - p[1] * f0)
+    A[0, at], A[1, at], A[2, at] = f
+    A[3, at], A[4, at], A[5, at] = s * torque[0], s * torque[1], s * torque[2]
 
 
 @njit(cache=True, nogil=True)

@@ -9,8 +9,8 @@ import math
 
 from numba import njit
 
-from regrasp.kernels.cores import Vector, support
-from regrasp.kernels.rotations import Array
+from regrasp.kernels.cores import support
+from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm
 
 ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
 BRACKET = 1e-9  # m between the two bounds
@@ -19,25 +19,10 @@ PUSHES = 4  # steps that refine the depth of an overlap
 
 
 @njit(cache=True, nogil=True)
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, nogil=True)
-def _sub(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(cache=True, nogil=True)
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, nogil=True)
-def _nearest2(a: Vector, w: Vector) -> tuple[Vector, bool]:
+def _nearest2(a: Triple, w: Triple) -> tuple[Triple, bool]:
     """Point of the segment a w nearest to the origin, and whether a is needed for it."""
-    e = _sub(a, w)
-    s, t = _dot(e, e), -_dot(w, e)
+    e = minus(a, w)
+    s, t = dot(e, e), -dot(w, e)
     if t <= 0.0 or s <= 0.0:
         return w, False
     t = min(t / s, 1.0)
@@ -45,37 +30,37 @@ def _nearest2(a: Vector, w: Vector) -> tuple[Vector, bool]:
 
 
 @njit(cache=True, nogil=True)
-def _nearest3(a: Vector, b: Vector, w: Vector) -> tuple[Vector, bool, bool]:
+def _nearest3(a: Triple, b: Triple, w: Triple) -> tuple[Triple, bool, bool]:
     """Point of the triangle a b w nearest to the origin among those with a share of w, and whether a, b are needed."""
-    e, f = _sub(a, w), _sub(b, w)
-    n = _cross(e, f)
-    nn = _dot(n, n)
+    e, f = minus(a, w), minus(b, w)
+    n = cross(e, f)
+    nn = dot(n, n)
     # Cross products, not the Gram matrix: triangles are slivers near smooth contacts, and a square loses them.
-    if nn > 1e-26 * _dot(e, e) * _dot(f, f):
-        x, y = _dot(_cross(f, w), n), _dot(_cross(w, e), n)
+    if nn > 1e-26 * dot(e, e) * dot(f, f):
+        x, y = dot(cross(f, w), n), dot(cross(w, e), n)
         if x > 0.0 and y > 0.0 and x + y < nn:
-            h = _dot(w, n) / nn
+            h = dot(w, n) / nn
             return (h * n[0], h * n[1], h * n[2]), True, True
     p, with_a = _nearest2(a, w)
     q, with_b = _nearest2(b, w)
-    if _dot(p, p) <= _dot(q, q):
+    if dot(p, p) <= dot(q, q):
         return p, with_a, False
     return q, False, with_b
 
 
 @njit(cache=True, nogil=True)
-def _beyond(a: Vector, b: Vector, w: Vector, other: Vector) -> bool:
+def _beyond(a: Triple, b: Triple, w: Triple, other: Triple) -> bool:
     """Whether the face a b w separates the origin from the fourth vertex, or the tetrahedron is flat over it."""
-    e, f, g = _sub(a, w), _sub(b, w), _sub(other, w)
-    n = _cross(e, f)
-    height, origin = _dot(g, n), -_dot(w, n)
-    return height * origin <= 0.0 or height * height <= 1e-24 * _dot(n, n) * _dot(g, g)
+    e, f, g = minus(a, w), minus(b, w), minus(other, w)
+    n = cross(e, f)
+    height, origin = dot(g, n), -dot(w, n)
+    return height * origin <= 0.0 or height * height <= 1e-24 * dot(n, n) * dot(g, g)
 
 
 @njit(cache=True, nogil=True)
 def _minkowski(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, d: Vector
-) -> Vector:
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, d: Triple
+) -> Triple:
     """Point of D = {b − a} furthest along d, o = p_B − p_A."""
     b = support(kind_B, core_B, R_B, d)
     a = support(kind_A, core_A, R_A, (-d[0], -d[1], -d[2]))
@@ -84,21 +69,21 @@ def _minkowski(
 
 @njit(cache=True, nogil=True)
 def _nearest(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Vector, limit: float
-) -> tuple[float, Vector]:
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, limit: float
+) -> tuple[float, Triple]:
     """Distance of D from the origin and its nearest point v; o = p_B − p_A.
 
     Returns early with a lower bound above limit. If D holds the origin: minus the least depth that the directions tried
     show, with the direction that shows it, pointing into D.
     """
-    v, length = o, math.sqrt(_dot(o, o))
+    v, length = o, norm(o)
     if length <= TOUCH:
         return -math.inf, v
     lower, upper, direction = -math.inf, math.inf, v
     a, b, c, count = v, v, v, 0
     for _ in range(ITERATIONS):
         w = _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-v[0], -v[1], -v[2]))
-        bound = _dot(v, w) / length
+        bound = dot(v, w) / length
         if bound > lower:
             lower, direction = bound, v
             if lower > limit:
@@ -130,15 +115,15 @@ def _nearest(
             u, with_1, with_2 = w, False, False
             if _beyond(a, b, w, c):
                 u, with_1, with_2 = _nearest3(a, b, w)
-                best, face = _dot(u, u), 1
+                best, face = dot(u, u), 1
             if _beyond(b, c, w, a):
                 p, with_p, with_q = _nearest3(b, c, w)
-                if _dot(p, p) < best:
-                    u, with_1, with_2, best, face = p, with_p, with_q, _dot(p, p), 2
+                if dot(p, p) < best:
+                    u, with_1, with_2, best, face = p, with_p, with_q, dot(p, p), 2
             if _beyond(c, a, w, b):
                 p, with_p, with_q = _nearest3(c, a, w)
-                if _dot(p, p) < best:
-                    u, with_1, with_2, best, face = p, with_p, with_q, _dot(p, p), 3
+                if dot(p, p) < best:
+                    u, with_1, with_2, best, face = p, with_p, with_q, dot(p, p), 3
             if face == 0:
                 break  # inside the tetrahedron
             if face == 2:
@@ -153,7 +138,7 @@ def _nearest(
                 a, b, count = b, w, 2
             else:
                 a, count = w, 1
-        length = math.sqrt(_dot(u, u))
+        length = norm(u)
         if length <= TOUCH:
             break
         if length >= upper:  # round-off has the last word
@@ -173,18 +158,18 @@ def gap(
     The shift is a local minimum over the directions, never shorter than the true depth, which it meets in shallow
     overlaps. Returns early, with a lower bound of the distance, as soon as one exceeds limit.
     """
-    o = (p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2])
+    o = minus(p_B, p_A)
     value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, o, limit)
     if value > 0.0:
         return value
-    depth, length = -value, math.sqrt(_dot(v, v))
+    depth, length = -value, norm(v)
     s = -1.0 / length if length > 0.0 else 0.0
     n = (s * v[0], s * v[1], s * v[2])
     for i in range(12):
         R, s = (R_A if i < 6 else R_B), (1.0 if i % 2 else -1.0)
         k = (i % 6) // 2
         u = (s * R[0, k], s * R[1, k], s * R[2, k])
-        h = _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
+        h = dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
         if h < depth:
             depth, n = h, u
     # Push D out along n, further than needed: the nearest point there shows a direction that is no worse.
@@ -194,9 +179,9 @@ def gap(
         value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, shifted, math.inf)
         if value <= 0.0:
             break
-        length = math.sqrt(_dot(v, v))
+        length = norm(v)
         u = (-v[0] / length, -v[1] / length, -v[2] / length)
-        h = _dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
+        h = dot(u, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u))
         if h >= depth - BRACKET:
             break
         depth, n = h, u

@@ -149,7 +149,7 @@ def inverse(chains: Chains, a: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Ar
 def _turn(R: Array, axis_T: Array, axis_W: Array, d: Array, e: Array) -> float:
     """d = R axis_T, e = the shortest rotation vector that brings d onto axis_W; returns its angle in [0, π]."""
     rotate(R, axis_T, d)
-    cross(d, axis_W, e)
+    e[0], e[1], e[2] = cross(d, axis_W)
     s = norm(e)
     angle = math.atan2(s, dot(d, axis_W))
     if s > 1e-12:

@@ -1,6 +1,7 @@
-"""Rotations and rigid motions on plain arrays: the exponential map of SO(3) and products of 3×3 matrices.
+"""Vectors and rotations: arithmetic of 3-vectors, products of 3×3 matrices, the exponential map of SO(3).
 
-Every kernel that turns something uses these; nothing here allocates.
+Vectors that are made on the way are triples: they stay in registers, where arrays would cost more than the arithmetic.
+Nothing here allocates.
 """
 
 import math
@@ -15,24 +16,52 @@ Vector = Array | Triple
 
 
 @njit(cache=True, nogil=True)
-def cross(a: Array, b: Array, out: Array) -> None:
-    """out = a × b."""
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    z = a[0] * b[1] - a[1] * b[0]
-    out[0], out[1], out[2] = x, y, z
+def triple(a: Vector) -> Triple:
+    """The entries of a (3,)."""
+    return a[0], a[1], a[2]
+
+
+@njit(cache=True, nogil=True)
+def plus(a: Vector, k: float, b: Vector) -> Triple:
+    """a + k b."""
+    return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
+
+
+@njit(cache=True, nogil=True)
+def minus(a: Vector, b: Vector) -> Triple:
+    """a − b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(cache=True, nogil=True)
+def along(x: Vector, y: Vector, a_x: float, a_y: float) -> Triple:
+    """a_x x + a_y y."""
+    return a_x * x[0] + a_y * y[0], a_x * x[1] + a_y * y[1], a_x * x[2] + a_y * y[2]
+
+
+@njit(cache=True, nogil=True)
+def cross(a: Vector, b: Vector) -> Triple:
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, nogil=True)
 def dot(a: Vector, b: Vector) -> float:
-    """aᵀb of two 3-vectors, arrays or triples."""
+    """aᵀb."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, nogil=True)
 def norm(a: Vector) -> float:
-    """Euclidean length of a 3-vector, array or triple."""
+    """Euclidean length |a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@njit(cache=True, nogil=True)
+def unit(a: Vector) -> Triple:
+    """a / |a|, a ≠ 0."""
+    length = norm(a)
+    return a[0] / length, a[1] / length, a[2] / length
 
 
 @njit(cache=True, nogil=True)

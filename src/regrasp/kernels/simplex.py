@@ -12,8 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, add_cap, column, combine, forget, load, pivot, remember, square, times_load
+from regrasp.kernels.rotations import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 OPTIMAL, INFEASIBLE, FAILED = 0, 1, 2

@@ -16,10 +16,8 @@ The ellipsoid has F = (x²/a² + y²/b² + z²/c² − 1)/2. Surfaces are C¹ an
 and a corner meet, the curvature jumps, and the seam itself counts as the flatter side.
 """
 
-import itertools
 import math
 
-import numpy as np
 from numba import njit
 
 from regrasp.kernels.rotations import Array, Triple, Vector, norm
@@ -235,95 +233,3 @@ def frame(n: Vector) -> tuple[Triple, Triple]:
 def tangents(n: Array, x: Array, y: Array) -> None:
     """Write the tangents of `frame` at the unit normal n (3,) to x (3,) and y (3,)."""
     (x[0], x[1], x[2]), (y[0], y[1], y[2]) = frame(n)
-
-
-def sample(kind: int, size: Array, count: int) -> tuple[Array, Array]:
-    """Points (count, 3) spread near-uniformly by area over a closed surface, and their outward normals (count, 3).
-
-    Deterministic: an area-preserving map carries the Fibonacci lattice of the unit square onto the surface (patch by
-    patch for a box). Raises ValueError for the PLANE, which has no finite area, and for a count below one.
-    """
-    if kind not in (SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX) or count < 1:
-        raise ValueError(
-            f"cannot sample {count} points on surface kind {kind}: a closed surface and count ≥ 1 are needed"
-        )
-    size = np.asarray(size, dtype=np.float64)
-    if kind == BOX:
-        points = _sample_box(size, count)
-    elif kind == ELLIPSOID:
-        points = _sample_ellipsoid(size, count)
-    else:
-        points = _sample_revolution(kind, size, count)
-    normals = np.empty((count, 3))
-    for point, normal in zip(points, normals, strict=True):
-        project(kind, size, point, point, normal)
-    return points, normals
-
-
-def _lattice(count: int) -> tuple[Array, Array]:
-    i = np.arange(count, dtype=np.float64)
-    v: Array = (0.5 + i * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
-    return (i + 0.5) / count, v
-
-
-def _sample_revolution(kind: int, size: Array, count: int) -> Array:
-    u, v = _lattice(count)
-    if kind == CYLINDER:
-        # The meridian from pole to pole; between its corners ρ² (on the caps) and z (on the side) are linear in area.
-        rim = np.linspace(0.0, math.pi / 2.0, 513)
-        rho = size[0] - size[3] + size[3] * np.sin(rim)
-        z = size[1] - size[3] + size[3] * np.cos(rim)
-        rho = np.concatenate(([0.0], rho, rho[::-1], [0.0]))
-        z = np.concatenate(([size[1]], z, -z[::-1], [-size[1]]))
-        area = np.cumsum((rho[1:] + rho[:-1]) * np.hypot(np.diff(rho), np.diff(z)))
-        area = np.concatenate(([0.0], area / area[-1]))
-        rho, z = np.sqrt(np.interp(u, area, rho**2)), np.interp(u, area, z)
-    else:
-        # Archimedes: on a sphere, as on its cylinder, area is proportional to height.
-        half = size[1] if kind == CAPSULE else 0.0
-        z = (2.0 * u - 1.0) * (size[0] + half)
-        rho = np.sqrt(size[0] ** 2 - np.maximum(np.abs(z) - half, 0.0) ** 2)
-    return np.stack((rho * np.cos(2.0 * math.pi * v), rho * np.sin(2.0 * math.pi * v), z), axis=1)
-
-
-def _sample_ellipsoid(size: Array, count: int) -> Array:
-    # Area density over (z/c, longitude) of the unit sphere; u picks z by the marginal, v the longitude at that z.
-    def density(height: Array, longitude: Array) -> Array:
-        x2 = (size[1] * size[2] * np.cos(longitude)) ** 2 + (size[0] * size[2] * np.sin(longitude)) ** 2
-        return np.sqrt((1.0 - height**2) * x2 + (size[0] * size[1] * height) ** 2)
-
-    def cumulative(weights: Array) -> Array:
-        total = np.concatenate(([0.0], np.cumsum(0.5 * (weights[1:] + weights[:-1]))))
-        return total / total[-1]
-
-    u, v = _lattice(count)
-    # Cosine spacing resolves the poles of a needle or a disc, where the density falls off fastest.
-    height, longitude = -np.cos(np.linspace(0.0, math.pi, 1025)), np.linspace(0.0, 2.0 * math.pi, 1025)
-    band = density(height[:, None], longitude[None, :-1]).mean(axis=1) * np.sin(np.linspace(0.0, math.pi, 1025))
-    h = -np.cos(np.interp(u, cumulative(band), np.linspace(0.0, math.pi, 1025)))
-    angle = np.array([np.interp(v[i], cumulative(density(h[i], longitude)), longitude) for i in range(count)])
-    rho = np.sqrt(1.0 - h**2)
-    return size[:3] * np.stack((rho * np.cos(angle), rho * np.sin(angle), h), axis=1)
-
-
-def _sample_box(size: Array, count: int) -> Array:
-    e, core = size[3], size[:3] - size[3]
-    signs = [np.array(s, dtype=np.float64) for s in itertools.product((-1, 0, 1), repeat=3) if any(s)]
-    # A face, edge or corner is that of the core box, carried out along a segment, an arc or an octant of radius e.
-    spread = {1: 1.0, 2: e * math.pi / 2.0, 3: e * e * math.pi / 2.0}
-    areas = np.array([spread[int(np.count_nonzero(s))] * np.prod(2.0 * core[s == 0.0]) for s in signs])
-    ends = np.rint(np.cumsum(areas) / areas.sum() * count).astype(int)
-    patches = []
-    for s, patch_count in zip(signs, np.diff(ends, prepend=0), strict=True):
-        u, v = _lattice(patch_count)
-        turn, rise = v * math.pi / 2.0, np.sqrt(1.0 - u * u)
-        outward = {
-            1: [np.ones(patch_count)],
-            2: [np.cos(turn), np.sin(turn)],
-            3: [rise * np.cos(turn), rise * np.sin(turn), u],
-        }[int(np.count_nonzero(s))]
-        points = np.empty((patch_count, 3))
-        points[:, s != 0.0] = s[s != 0.0] * (core[s != 0.0] + e * np.stack(outward, axis=1))
-        points[:, s == 0.0] = core[s == 0.0] * (2.0 * np.stack((u, v), axis=1)[:, : np.count_nonzero(s == 0.0)] - 1.0)
-        patches.append(points)
-    return np.concatenate(patches)

@@ -6,7 +6,6 @@ partial sum, to which every further term only adds, exceeds the bound that the M
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance, is_sliding, slide_direction
 from regrasp.planner.collision import block_hit, place, tip_hit
@@ -24,6 +24,7 @@ from regrasp.planner.motions import OFF, RELOCATE, STAY
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion, relocate, stand_on
 from regrasp.planner.state import State, copy_agent, copy_motion, same_agent
+from regrasp.planner.supports import SLIDE
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -49,7 +50,7 @@ class Energy:
     friction_margin: float = 0.1
 
 
-class Terms(NamedTuple):
+class Terms(Record):
     """The settings of Energy and Relocation as the kernels take them; high: lift height, m."""
 
     collision: float
@@ -64,7 +65,7 @@ class Terms(NamedTuple):
     commands: Array
 
 
-class Work(NamedTuple):
+class Work(Record):
     """Scratch of one evaluation."""
 
     lp: Program
@@ -205,6 +206,24 @@ def collisions(hand: Hand, terms: Terms, cur: State, new: State, j: int, work: W
 
 
 @njit(cache=True, nogil=True)
+def same_program(path: Path, state: State, j: int) -> bool:
+    """Whether the force LP at the start of interval j is that at the end of interval j − 1: same contacts, none sliding."""
+    if j == 0:
+        return False
+    for i in range(state.V.shape[1]):
+        code = state.V[j, i]
+        if code != state.V[j - 1, i] or code == RELOCATE or is_sliding(np.int64(code)):
+            return False
+        if state.holds[j - 1, i] != state.holds[j, i]:
+            return False
+    for column in range(path.support_mode.shape[1]):
+        mode = path.support_mode[j, column]
+        if mode != path.support_mode[j - 1, column] or mode == SLIDE:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
 def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, work: Work) -> None:
     """c_j, e_j and Σ_i |f_ij| of interval j. The force LP stands at both ends of the interval with its contact motions."""
     k, m = len(work.dirty), path.R_WO.shape[1] - 1
@@ -214,16 +233,23 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
         for c in range(a, k + 2):
             count += new.hits[j, a, c]
     new.c[j] = count
-    held, start, _ = balance(
-        hand, path, j, np.int64(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin, work.lp
+    start = np.inf
+    if same_program(path, new, j):
+        start = new.end[j - 1]
+    else:
+        held, value, _ = balance(
+            hand, path, j, np.int64(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin,
+            work.lp,
+        )  # fmt: skip
+        if held:
+            start = value
+    held, value, _ = balance(
+        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margin, work.lp
     )
-    end = 0.0
-    if held:
-        held, end, _ = balance(
-            hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margin, work.lp
-        )
-    new.e[j] = 0.0 if held else 1.0
-    new.f[j] = 0.5 * (start + end) if held else 0.0
+    new.end[j] = value if held else np.inf
+    fine = start < np.inf and held
+    new.e[j] = 0.0 if fine else 1.0
+    new.f[j] = 0.5 * (start + value) if fine else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -259,6 +285,10 @@ def evaluate(
     for i in range(k):
         copy_agent(hand, cur, new, first, i)
         work.dirty[i] = 0
+        if first > 0:
+            new.V[first - 1, i], new.holds[first - 1, i] = cur.V[first - 1, i], cur.holds[first - 1, i]
+    if first > 0:
+        new.end[first - 1] = cur.end[first - 1]
     for j in range(first, n):
         touched = 0
         for i in range(k):
@@ -300,7 +330,7 @@ def evaluate(
         if touched == 0:
             for a in range(k):
                 new.hits[j, a] = cur.hits[j, a]
-            new.c[j], new.e[j], new.f[j] = cur.c[j], cur.e[j], cur.f[j]
+            new.c[j], new.e[j], new.f[j], new.end[j] = cur.c[j], cur.e[j], cur.f[j], cur.end[j]
         else:
             collisions(hand, terms, cur, new, j, work, fresh)
             score_interval(hand, path, terms, new, j, work)
@@ -319,4 +349,4 @@ def adopt(hand: Hand, new: State, cur: State, first: int, stop: int) -> None:
             copy_agent(hand, new, cur, j + 1, i)
             copy_motion(new, cur, j, i)
         cur.hits[j] = new.hits[j]
-        cur.c[j], cur.e[j], cur.f[j] = new.c[j], new.e[j], new.f[j]
+        cur.c[j], cur.e[j], cur.f[j], cur.end[j] = new.c[j], new.e[j], new.f[j], new.end[j]

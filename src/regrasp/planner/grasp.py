@@ -142,8 +142,8 @@ def grasp_cost(
     for a in range(len(agents)):
         i = agents[a]
         bears[i] = 1
-        p[i] = scan.p_O[choice[a]]
-        normal[i] = scan.n_O[choice[a]]
+        p[i] = scan.p[i, 0, choice[a]]
+        normal[i] = scan.n[i, 0, choice[a]]
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
@@ -203,7 +203,7 @@ def find_grasp(
             touch(hand, path, scan, 0, i, c, p_TC, R_OT)
             joints = np.zeros((LOOKS + 1, hand.chains.start[i + 1] - hand.chains.start[i]))
             joints[0] = scan.q[i, 0, c, : joints.shape[1]]
-            reached = hold_on(hand, path, 0, i, scan.p_O[c], p_TC, R_OT, joints)
+            reached = hold_on(hand, path, 0, i, scan.p[i, 0, c], p_TC, R_OT, joints)
             joints[reached + 1 :] = joints[reached]
             ahead[a, c, :, : joints.shape[1]] = joints
         legal.append(np.array(free))
@@ -244,5 +244,5 @@ def find_grasp(
     for a, i in enumerate(agents):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
         c = best_choice[a]
-        contacts[int(i)] = (scan.q[i, 0, c, :n_a].copy(), scan.p_O[c].copy(), scan.n_O[c].copy())
+        contacts[int(i)] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
     return build_grasp(hand, path.R_WO[0, 0], contacts)

@@ -1,6 +1,5 @@
 """The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
 
-from typing import NamedTuple
 
 import numpy as np
 from mujoco import mjtGeom
@@ -10,6 +9,7 @@ from regrasp.errors import InputError
 from regrasp.kernels.chains import Chains
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Hand(NamedTuple):
+class Hand(Record):
     """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
 
     chains: the agents' serial chains; geoms: every body, agents first, then static, the object last.

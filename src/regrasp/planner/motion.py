@@ -15,6 +15,7 @@ from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.energy import Terms, Work, bearing, moves_freely
 from regrasp.planner.follow import is_full, reach_tip, short_step
 from regrasp.planner.hand import Hand
+from regrasp.planner.motions import OFF, RELOCATE
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion
 from regrasp.planner.state import State
@@ -22,7 +23,7 @@ from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 
-SAME = 1e-7  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
+SAME = 1e-4  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ def detail(
     twist = np.zeros((n, k, 4))
     found: list[Violation] = []
     bears = np.zeros(k, np.uint8)
+    # Any contact motion of an agent that is not in contact means that it stays off.
+    said = (V == RELOCATE) | (state.holds[:n] == 1)
     for j in range(n):
         bearing(state, j, bears)
         ends = np.zeros(k, np.uint8)
@@ -146,13 +149,14 @@ def detail(
                 traced = trace_contact(hand, path, terms.commands[V[j, i]], j, i, p, p_T, R, x, q, nn)
                 if state.lost[j, i] or not traced or np.max(np.abs(q[m] - state.q[j + 1, first:last])) > SAME:
                     found.append(Violation("reach", j, names[i], "leaves its workspace while in contact"))
+                q[m] = state.q[j + 1, first:last]
                 p_OC[j, :, i], n_O[j, :, i], x_O[j, :, i] = p, nn, x
                 twist[j, i] = achieved(hand, i, terms.commands[V[j, i]], R, x, nn)
             elif moves_freely(V[j, i], state.holds[j, i]) and not state.lost[j, i]:
                 c = state.chosen[j, i]
                 lands = c >= 0
                 goal_q = scan.q[i, j + 1, c, : last - first] if lands else hand.home[first:last]
-                p_c, n_c = (scan.p_O[c], scan.n_O[c]) if lands else (np.zeros(3), np.zeros(3))
+                p_c, n_c = (scan.p[i, j + 1, c], scan.n[i, j + 1, c]) if lands else (np.zeros(3), np.zeros(3))
                 free_motion(
                     hand, path, state, j, i, bool(state.holds[j, i]), lands, p_c, n_c, goal_q, state.way[j, i],
                     terms.high, terms.clearance, q,
@@ -172,7 +176,8 @@ def detail(
             found.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
         if not forces(hand, path, terms, j, bears, V[j], p_OC[j], n_O[j], x_O[j], work, force[j], support_force[j]):
             found.append(Violation("equilibrium", j, "", "no contact forces hold the object"))
-    return Motion(path, V.copy(), joints, twist, p_OC, n_O, x_O, force, support_force, tuple(found))
+    V = np.where(said, V, OFF).astype(np.int8)
+    return Motion(path, V, joints, twist, p_OC, n_O, x_O, force, support_force, tuple(found))
 
 
 def achieved(hand: Hand, i: int, command: Array, R_OT: Array, x_O: Array, n_O: Array) -> Array:

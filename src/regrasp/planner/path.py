@@ -1,18 +1,18 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from regrasp.kernels.records import Record
 from regrasp.planner.supports import SEPARATE, SLIDE, STICK, Support, touching
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Path(NamedTuple):
+class Path(Record):
     """n intervals of m steps each; sample s = 0 … m of interval j; P support slots.
 
     R_WO (n, m + 1, 3, 3), p_WO (n, m + 1, 3): object poses. up_O (n, m + 1, 3): what the contact forces must add up to, in

@@ -1,7 +1,6 @@
 """Relocation (paper §3): the scan of the object's surface for a new contact, and the free motion that leads there."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -10,8 +9,10 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.basis import Program
+from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
-from regrasp.kernels.surfaces import project, sample
+from regrasp.kernels.sampling import sample
+from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, tip_target
@@ -22,6 +23,7 @@ from regrasp.planner.state import State
 
 Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
+NEARER = 6  # steps towards a point of the surface that a short chain can touch
 LOOKS = 4  # poses on the coming way at which a candidate is tried
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 
@@ -41,17 +43,20 @@ class Relocation:
     outlook: float = 3.0
 
 
-class Scan(NamedTuple):
+class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction
-    at rest. status (k, n + 1, C): UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; q (k, n + 1, C, n_max);
-    kept (k, n + 1, C): part of the coming way on which the contact can be kept, −1 unknown.
+    at rest. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
+    or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
+    of the coming way on which the contact can be kept, −1 unknown.
     """
 
     p_O: Array
     n_O: Array
     status: NDArray[np.int8]
+    p: Array
+    n: Array
     q: Array
     kept: Array
 
@@ -63,8 +68,8 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     joints = int(np.max(np.diff(hand.chains.start)))
     shape = (k, n + 1, 2 * len(p_O))
     return Scan(
-        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, joints)),
-        np.full(shape, -1.0),
+        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
+        np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
     )  # fmt: skip
 
 
@@ -130,7 +135,20 @@ def candidate_free(
         if length < 0.5:
             return False
         a_O /= length
-    if not touch_down(hand, i, R_WO, p_WO, scan.p_O[c], scan.n_O[c], 0.0, a_O, q, R_WL, p_WL):
+    point, normal = scan.p[i, j, c], scan.n[i, j, c]
+    point[:], normal[:] = scan.p_O[c], scan.n_O[c]
+    reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not is_full(hand, i):
+        # A planar finger reaches a curve of the surface only: go on to the point under where its tip got to.
+        for _ in range(NEARER):
+            if reached:
+                break
+            for x in range(3):
+                p[x] = p_WL[last - first, x] - p_WO[x]
+            rotate_back(R_WO, p, p)
+            project(hand.kind_O, hand.size_O, p, point, normal)
+            reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not reached:
         return False
     if not is_agile(hand, i, R_WL, p_WL):
         return False
@@ -194,7 +212,7 @@ def outlook_of(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int,
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
     kept = 0 if j < n else LOOKS
     if j < n:
-        reached = hold_on(hand, path, j, i, scan.p_O[c], p_TC, R_OT, q)
+        reached = hold_on(hand, path, j, i, scan.p[i, j, c], p_TC, R_OT, q)
         while kept < reached:
             forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
             place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
@@ -219,7 +237,7 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
     R_WO, _ = pose_at(path, j)
     forward(hand.chains, i, scan.q[i, j, c, :n_a], R_WL, p_WL)
     multiply_back(R_WO, R_WL[n_a], R_OT)
-    rotate_back(R_OT, scan.n_O[c], p_TC)
+    rotate_back(R_OT, scan.n[i, j, c], p_TC)
     for a in range(3):
         p_TC[a] *= -hand.size_T[i, 0]
 
@@ -227,12 +245,12 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
 @njit(cache=True, nogil=True)
 def scan_contacts(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8],
-    clearance: float, margin: float, outlook: float, lp: Program, score: Array,
+    clearance: float, margin: float, lp: Program, score: Array,
 ) -> None:  # fmt: skip
-    """Objective of every candidate for agent i at the end of interval j, inf where it can't stand (paper §3).
+    """The paper's objective of every candidate for agent i at the end of interval j; inf where the object isn't held.
 
-    The sum of the contact forces as if the agent stood there, others as they are; to it is added the lost part of the
-    coming way times `outlook`: a contact that is about to leave the agent's reach would be relocated again at once.
+    It is the sum of the contact forces as if the agent stood there, the others as they are. Whether the agent can stand
+    there is asked of those that promise most only (`relocate`); what is known already is not asked again.
     """
     k, m = len(hand.tip_geom), path.R_WO.shape[1] - 1
     codes = np.zeros(k, np.int8)
@@ -246,16 +264,22 @@ def scan_contacts(
         t[a] = state.t_O[j, 1, a]
     stands[i] = 1
     codes[i] = STAY
+    half = len(scan.p_O) // 2
+    full = is_full(hand, i)
     for c in range(len(scan.p_O)):
         score[c] = np.inf
-        if not candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+        if scan.status[i, j + 1, c] == BARRED:
             continue
-        p[i] = scan.p_O[c]
-        n[i] = scan.n_O[c]
+        if full and c >= half and scan.status[i, j + 1, c - half] != BARRED:
+            score[c] = score[c - half]  # the same point
+            continue
+        if not full and not candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+            continue  # a short chain moves its candidate, so it must be known before the forces
+        p[i] = scan.p_O[c] if full else scan.p[i, j + 1, c]
+        n[i] = scan.n_O[c] if full else scan.n[i, j + 1, c]
         held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
         if held:
-            lost = 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance)
-            score[c] = value + outlook * lost
+            score[c] = value
 
 
 @njit(cache=True, nogil=True)
@@ -396,18 +420,33 @@ def relocate(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8], clearance: float,
     margin: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0)."""
-    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, outlook, lp, score)
+    """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0).
+
+    Deviation: to the sum of forces is added the part of the coming way on which the contact can't be kept, times
+    `outlook`; a contact that is about to leave the agent's reach would have to be relocated again at once. As this only
+    adds, candidates are taken in the order of the sum of forces and are looked at closely when their turn comes.
+    """
+    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, lp, score)
+    seen = np.zeros(len(score), np.uint8)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     lands = tries > 0
-    for _ in range(tries):
+    left = tries
+    while left > 0:
         c = np.argmin(score)
         if score[c] == np.inf:
             break
+        if seen[c] == 0:
+            seen[c] = 1
+            if candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
+                score[c] += outlook * (1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance))
+            else:
+                score[c] = np.inf
+            continue
         score[c] = np.inf
+        left -= 1
         for way in range(WAYS):
             if free_motion(
-                hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p_O[c], scan.n_O[c],
+                hand, path, state, j, i, state.holds[j, i] == 1, lands, scan.p[i, j + 1, c], scan.n[i, j + 1, c],
                 scan.q[i, j + 1, c, :n_a], way, high, clearance, q,
             ):  # fmt: skip
                 return c, way
@@ -424,5 +463,5 @@ def stand_on(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c
     forward(hand.chains, i, state.q[j, first:last], R_WL, p_WL)
     place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[j], state.p_WG[j])
     touch(hand, path, scan, j, i, c, state.p_TC[j, i], state.R_OT[j, i])
-    state.p_OC[j, i] = scan.p_O[c]
+    state.p_OC[j, i] = scan.p[i, j, c]
     state.holds[j, i] = 1

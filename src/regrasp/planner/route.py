@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.basis import program
 from regrasp.kernels.forces import EDGES, friction_edges
+from regrasp.kernels.sampling import sample
 from regrasp.kernels.simplex import OPTIMAL, solve
-from regrasp.kernels.surfaces import sample, tangents
+from regrasp.kernels.surfaces import tangents
 from regrasp.planner.collision import block_hit, closer, place
 from regrasp.planner.hand import Hand
 from regrasp.planner.outcome import Failure

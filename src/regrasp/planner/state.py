@@ -1,11 +1,11 @@
 """Where every agent and contact is at the ends of all intervals, under one matrix V."""
 
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.records import Record
 from regrasp.planner.hand import Hand
 from regrasp.planner.path import Path
 
@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
 
-class State(NamedTuple):
+class State(Record):
     """Configurations j = 0 … n (rows of the first group), intervals j = 0 … n − 1 (rows of the second).
 
     q (n + 1, nq); holds (n + 1, k): in contact; p_OC, p_TC (n + 1, k, 3), R_OT (n + 1, k, 3, 3): the contact on the object
@@ -22,7 +22,8 @@ class State(NamedTuple):
 
     V (n, k): contact motions; n_O, t_O (n, 2, k, 3): normal and slip direction at start and end of the interval;
     chosen (n, k): where a relocating agent went (candidate, −1 none) and way (n, k): how; lost (n, k): workspace condition
-    broken; hits (n, k, k + 2): collisions at the interval's end; c, e, f (n,): the interval's share of Eq. (1).
+    broken; hits (n, k, k + 2): collisions at the interval's end; c, e, f (n,): the interval's share of Eq. (1);
+    end (n,): the sum of forces at the interval's end, inf without equilibrium.
     """
 
     q: Array
@@ -42,6 +43,7 @@ class State(NamedTuple):
     c: Array
     e: Array
     f: Array
+    end: Array
 
 
 def empty_state(hand: Hand, path: Path) -> State:
@@ -67,6 +69,7 @@ def empty_state(hand: Hand, path: Path) -> State:
         c=np.zeros(n),
         e=np.zeros(n),
         f=np.zeros(n),
+        end=np.zeros(n),
     )
     static = slice(hand.geom_start[k], hand.object_geom)
     state.R_WG[:, static] = hand.geoms.R_LG[static]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from regrasp.errors import InputError
 from regrasp.scene import mjcf, planar, puma
 from regrasp.scene.parts import LINK_COLOUR
-from regrasp.scene.pose import about
+from regrasp.scene.pose import about, multiply
 from regrasp.scene.schema import ModelFile, PlanarHand, PumaHand, Scene
 
 Array = NDArray[np.float64]
@@ -52,16 +52,19 @@ def fingers(scene: Scene) -> tuple[Finger, ...]:
 def _finger(scene: Scene, name: str) -> Finger:
     match scene.model:
         case PumaHand() as hand:
-            return Finger(f"{name}/tip", _puma_home(hand), puma.SPEED)
+            return Finger(f"{name}/tip", _home(hand, name), puma.SPEED)
         case PlanarHand() as hand:
-            base = hand.bases[hand.finger_names.index(name)]
-            return Finger(f"{name}/tip", PLANAR_HOME if base.home is None else np.array(base.home), planar.SPEED)
+            return Finger(f"{name}/tip", _home(hand, name), planar.SPEED)
         case _:
             tip = next(agent.tip for agent in scene.agents if agent.name == name)
             return Finger(f"{PREFIX}{tip}", None, np.array(SPEED))
 
 
-def _puma_home(hand: PumaHand) -> Array:
+def _home(hand: PumaHand | PlanarHand, name: str) -> Array:
+    """The rest posture of a built-in hand's finger."""
+    if isinstance(hand, PlanarHand):
+        base = hand.bases[hand.finger_names.index(name)]
+        return PLANAR_HOME if base.home is None else np.array(base.home)
     if hand.home is not None:
         return np.array(hand.home)
     home = PUMA_HOME.copy()
@@ -78,8 +81,10 @@ def attach(spec: mujoco.MjSpec, scene: Scene) -> None:
     match scene.model:
         case PumaHand() as hand:
             _attach_pumas(spec, hand)
+            _freeze(spec, hand, scene)
         case PlanarHand() as hand:
             _attach_planar(spec, hand)
+            _freeze(spec, hand, scene)
         case ModelFile() as file:
             _attach_file(spec, file, scene)
 
@@ -111,6 +116,20 @@ def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:
         x, z = at.position
         base = spec.worldbody.add_body(name=f"{name}/base", pos=[x, 0, z], quat=about(1, -at.angle))
         planar.attach(base, name, hand.links, hand.link_radius, hand.tip_radius)
+
+
+def _freeze(spec: mujoco.MjSpec, hand: PumaHand | PlanarHand, scene: Scene) -> None:
+    """Fixes the fingers that take no part in their rest posture: they are obstacles."""
+    for name in hand.finger_names:
+        if name in scene.agent_names:
+            continue
+        for i, angle in enumerate(_home(hand, name)):
+            body = spec.body(f"{name}/link{i + 1}")
+            (joint,) = body.joints  # a hinge at the body's origin
+            turn = np.empty(4)
+            mujoco.mju_axisAngle2Quat(turn, joint.axis, angle)
+            body.quat = multiply(body.quat, turn)
+            spec.delete(joint)
 
 
 def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:
