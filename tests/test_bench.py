@@ -13,7 +13,7 @@ def run(after: float, code: int = 0) -> bench.Run:
 
 @pytest.fixture(scope="module")
 def paper_job():
-    return bench.job(bench.PAPER_SCENE)
+    return bench.job(bench.PAPER_SCENE, **bench.JOBS[bench.PAPER_SCENE])
 
 
 def test_the_papers_job_is_thirty_intervals_of_four_puma_fingers(paper_job):

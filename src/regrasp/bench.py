@@ -81,10 +81,10 @@ class Run:
     feasible: bool
 
 
-def job(name: str) -> Job:
-    """The first segment of one of JOBS; raises RegraspError if the scene has no route or no grasp."""
+def job(name: str, **changes: Any) -> Job:
+    """The first segment of a built-in scene, with changed settings; RegraspError if it has no route or no grasp."""
     scene = load(name)
-    settings = dataclasses.replace(read(Settings, scene.planner), **JOBS[name])
+    settings = dataclasses.replace(read(Settings, scene.planner), **changes)
     task = prepare(scene, settings)
     route = task.router.route(task.router.grid.start, lambda: False)
     if isinstance(route, Failure):
@@ -129,7 +129,7 @@ def compile_kernels() -> float:
 def paper(seeds: int) -> dict[str, Any]:
     """The paper's job (§5): 30 intervals, four Puma fingers, 4000 iterations, relocation allowed, one core."""
     compiling = compile_kernels()
-    work = job(PAPER_SCENE)
+    work = job(PAPER_SCENE, **JOBS[PAPER_SCENE])
     annealing = dataclasses.replace(work.task.settings.local.annealing, iterations=PAPER_ITERATIONS)
     runs = []
     for seed in range(seeds):
@@ -179,8 +179,8 @@ def minima(seeds: int) -> dict[str, Any]:
     """
     compile_kernels()
     rows = []
-    for name in JOBS:
-        work = job(name)
+    for name, changes in JOBS.items():
+        work = job(name, **changes)
         warm = work.task.settings.local.annealing
         cold = dataclasses.replace(warm, acceptance=0.0, iterations=warm.iterations + warm.trials)
         for moves, problem in MOVES.items():
