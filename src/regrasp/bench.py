@@ -191,22 +191,19 @@ def minima(seeds: int) -> dict[str, Any]:
                     ends[kind].append(search(work, V, settings, seed, problem))
                     say(f"{name}, {moves}, seed {seed}: {kind} ends at {ends[kind][-1].after:.2f}")
             rows.append({"scene": name, "moves": moves, **comparison(ends["downhill"], ends["annealing"])})
-    table = Table(title=f"ends of searches from {seeds} random V's, as many evaluations each", title_justify="left")
-    for heading in ("moves", "search", "V's", "least", "median", "greatest", "feasible", "p"):
-        table.add_column(heading, justify="left" if heading in ("moves", "search") else "right")
-    for row in rows:
-        if row["moves"] == next(iter(MOVES)):
-            table.add_section()
-            table.add_row(f"[bold]{row['scene']}")
-        for kind in ("downhill", "annealing"):
-            end = row[kind]
-            table.add_row(
-                row["moves"] if kind == "downhill" else "", kind, str(end["different"]), f"{end['least']:.2f}",
-                f"{end['median']:.2f}", f"{end['greatest']:.2f}", f"{end['feasible']} of {seeds}",
-                f"{row['p']:.2g}" if kind == "annealing" else "",
-            )  # fmt: skip
     console = Console()
-    console.print(table)
+    for name in JOBS:
+        table = Table(title=f"{name}: ends of searches from {seeds} random V's", title_justify="left")
+        for heading in ("moves", "search", "V's", "least", "median", "greatest", "feasible", "p"):
+            table.add_column(heading, justify="left" if heading in ("moves", "search") else "right", no_wrap=True)
+        for row in rows:
+            for kind in ("downhill", "annealing") if row["scene"] == name else ():
+                end = row[kind]
+                table.add_row(
+                    row["moves"], kind, str(end["different"]), f"{end['least']:.2f}", f"{end['median']:.2f}",
+                    f"{end['greatest']:.2f}", str(end["feasible"]), f"{row['p']:.2g}" if kind == "annealing" else "",
+                )  # fmt: skip
+        console.print(table)
     console.print(
         "V's: how many ends differ. p: that annealing ends lower, Wilcoxon's signed ranks, one-sided.", soft_wrap=True
     )
