@@ -245,9 +245,10 @@ def scenes(seeds: int) -> dict[str, Any]:
     """
     compile_kernels()
     rows = [scene_row(name, seeds) for name in builtin()]
-    table = Table(title=f"built-in scenes, {seeds} seeds, default settings", title_justify="left")
-    for heading in ("scene", "planned", "certified", "median s", "slowest s", "intervals", "relocations"):
-        table.add_column(heading, justify="left" if heading == "scene" else "right")
+    title = f"built-in scenes, {seeds} seeds, default settings"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("scene", "planned", "certified", "median s", "worst s", "intervals", "relocations"):
+        table.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for row in rows:
         table.add_row(
             row["scene"], str(row["planned"]), str(row["certified"]), f"{row['seconds']:.2f}",
