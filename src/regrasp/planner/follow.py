@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
 SUBSTEPS = np.int64(4)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
+SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
+SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad
 JUMP = 0.3  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
@@ -99,6 +101,7 @@ def short_step(
     object_step(path, j, s, turn, shift)
     middle = q.copy()
     contact, axis = p_OC.copy(), x_O.copy()
+    defect = 0.0
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
@@ -121,7 +124,7 @@ def short_step(
             w[a] += turn[a]
             p_W[a] += r[a]
         jacobian(hand.chains, i, R_WL, p_WL, p_W, J)
-        rates(J, v, w, dq, got)
+        defect = rates(J, v, w, dq, got)
         if stage == 0:
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
@@ -137,6 +140,7 @@ def short_step(
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
     tip_target(path.R_WO[j, s + 1], path.p_WO[j, s + 1], p_OC, p_TC, R_OT, R_WT, p_WT)
     rotate(R_WT, hand.axis_T[i], w)
+    predicted = q.copy()
     residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], w, q, R_WL, p_WL)
     # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
     multiply_back(path.R_WO[j, s + 1], R_WL[n_a], R_OT)
@@ -144,7 +148,9 @@ def short_step(
     rotate_back(R_OT, n, r)
     for a in range(3):
         p_TC[a] = -hand.size_T[i, 0] * r[a]
-    return residual < REACHED
+    # Near a singularity or a joint limit the rates can't be met, and settling would slip or turn the tip instead.
+    met = defect < REACHED and np.max(np.abs(dq)) < SPURT and np.max(np.abs(q - predicted)) < SETTLE
+    return met and residual < REACHED
 
 
 @njit(cache=True, nogil=True)
