@@ -85,7 +85,7 @@ def test_one_rotation_is_a_circle(axis: str) -> None:
 
 @pytest.mark.parametrize("direction", [[1, 0, 0], [0, 0, 1], [1, -2, 0.5]])
 def test_three_rotations_close(direction: list[float]) -> None:
-    """A full turn about any axis, rounded to the grid, steps from neighbour to neighbour and returns to the start."""
+    """A full turn about any axis, rounded to the grid, goes on in one or two steps each time and returns to the start."""
     g = grid(("x", "y", "z", "rx", "ry", "rz"))
     d = np.array(direction) / np.linalg.norm(direction)
     q = Rotation.from_matrix(np.array(g.rotations)).as_quat()
@@ -94,7 +94,7 @@ def test_three_rotations_close(direction: list[float]) -> None:
     assert visited[0] == visited[-1] == START
     assert len(set(visited.tolist())) > 6
     for a, b in itertools.pairwise(visited.tolist()):
-        assert a == b or b in g.near[a] or np.allclose(g.rotations[a], g.rotations[b], atol=1e-6)
+        assert a == b or b in g.near[a] or set(g.near[a]) & set(g.near[b])
 
 
 @pytest.mark.parametrize("freedoms", [("rx",), ("rx", "rz"), ("rx", "ry", "rz")])
@@ -108,6 +108,13 @@ def test_neighbours_are_mutual_near_and_connect_all(freedoms: tuple[str, ...]) -
         edge = {b for a in edge for b in g.near[a]} - reached
         reached |= edge
     assert reached == set(range(len(g.rotations)))
+
+
+def test_three_rotations_are_about_a_step_apart() -> None:
+    """Each orientation of the set has its nearest neighbour about the chosen angle away."""
+    q = Rotation.from_matrix(np.array(orientations(("rx", "ry", "rz"), np.eye(3), np.eye(3), STEP))[2:]).as_quat()
+    nearest = (angles_between(q, q) + 4.0 * np.eye(len(q))).min(axis=1)
+    assert np.mean(nearest) == pytest.approx(STEP, rel=0.25)
 
 
 SUBSETS = [tuple(s) for size in range(1, 7) for s in itertools.combinations(AXES, size)]
@@ -126,17 +133,20 @@ def kept(freedoms: tuple[str, ...], start: np.ndarray, R: np.ndarray) -> np.ndar
     return np.delete(v, [AXES.index(name) - 3 for name in free])
 
 
-@settings(max_examples=63, deadline=None)
-@given(freedoms=st.sampled_from(SUBSETS), seed=st.integers(0, 100), table=st.booleans())
-def test_every_node_differs_from_the_start_in_the_freedoms_only(freedoms, seed: int, table: bool) -> None:
-    """A random walk from the start over neighbours, with a tilted support near by or without."""
-    support = {"name": "table", "shape": "plane", "pose": {"position": [0, 0, 0.16], "euler": [0.1, 0.2, 0]}}
-    g = grid(freedoms, environment=[support], supports=["table"]) if table else grid(freedoms)
+TABLE = {"name": "table", "shape": "plane", "pose": {"position": [0, 0, 0.16], "euler": [0.1, 0.2, 0]}}
+
+
+@pytest.mark.parametrize("table", [(), (TABLE,)], ids=["in the air", "over a tilted table"])
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(freedoms=st.sampled_from(SUBSETS), seed=st.integers(0, 100))
+def test_every_node_differs_from_the_start_in_the_freedoms_only(table, freedoms, seed: int) -> None:
+    """A random walk from the start over neighbours."""
+    g = grid(freedoms, environment=table, supports=[body["name"] for body in table])
     rng = np.random.default_rng(seed)
     fixed = [a for a in range(3) if AXES[a] not in freedoms]
     R0, p0 = g.start_pose
     node = g.start
-    for _ in range(8):
+    for _ in range(5):
         others = [other for other in g.neighbours(node) if not other.exact]
         if not others:
             break

@@ -7,6 +7,7 @@ from arcs import Oracle, changed
 from regrasp.planner.method import Settings, Task, plan_scene, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.poses import Node
+from regrasp.planner.route import GlobalPlanner
 from regrasp.scene.load import load
 
 
@@ -113,7 +114,7 @@ def test_without_a_way_the_failure_says_so() -> None:
         load("fig3-puma3"), environment=walls, freedoms=["x", "y", "z"],
         goal={"pose": {"position": [0, 0, 0.35]}},
     )  # fmt: skip
-    task = prepare(scene, Settings())
+    task = prepare(scene, Settings(route=GlobalPlanner(nodes=100)))
     result = task.router.route(task.router.grid.start, lambda: False)
     assert isinstance(result, Failure)
     assert result.constraint == "route"

@@ -119,7 +119,7 @@ def path(shape: str, R: np.ndarray, p: np.ndarray):
 
 
 def turned(axis: str, angle: np.ndarray) -> np.ndarray:
-    return Rotation.from_euler(axis, angle).as_matrix()
+    return Rotation.from_rotvec(np.multiply.outer(angle, np.eye(3)["xyz".index(axis)])).as_matrix()
 
 
 def test_a_ball_that_rolls_or_rests_sticks() -> None:
