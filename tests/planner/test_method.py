@@ -130,7 +130,7 @@ BLOCK = [{"name": "block", "shape": "box", "size": [0.02, 0.02, 0.02], "pose": {
     ("fields", "constraint", "words"),
     [
         ({"object": HEAVY}, "equilibrium", "max_force"),
-        ({"start": {"pose": {"position": [0.4, 0, 0.4]}, "grasp": FAR}}, "reach", "finger1"),
+        ({"start": {"pose": {"position": [0.4, 0, 0.4]}, "grasp": FAR}}, "reach", "finger2"),
         (
             {"environment": BLOCK, "start": {"pose": {"position": [0, 0, 0.3]}}},
             "collision",

@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.motions import RELOCATE, STAY
 from regrasp.planner.relocation import FREE, WAYS, Relocation, candidate_free, free_motion, outlook_of, scan_contacts
+from regrasp.planner.supports import SLIDE, STICK
 from regrasp.scene.load import load
 
 NAMES = ("fig3-puma3", "fig4-relocation", "fig2-planar")
@@ -84,13 +85,20 @@ def test_a_relocating_agents_whole_way_is_clear(name: str) -> None:
 
 
 def least_force(a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np.ndarray]], use: float) -> float:
-    """Σ of normal forces in weights by HiGHS, eight edges per contact; inf without equilibrium. Supports cost nothing."""
+    """Σ of normal forces in weights by HiGHS, eight edges per contact; inf without equilibrium.
+
+    Supports cost nothing; one that slides bears force on the ray against its slip, with all of μ.
+    """
     columns, cost, caps = [], [], []
     spots = [(p, -n, a.hand.mu[i], 1.0, a.hand.cap[i]) for i, p, n in contacts]
-    for slot in range(a.path.support_mode.shape[1]):
-        assert a.path.support_mode[j, slot] in (0, 1)
-        if a.path.support_mode[j, slot] == 1:
-            p, n = a.path.support_p_O[j, s, slot], a.path.support_n_O[j, s, slot]
+    for slot, mode in enumerate(a.path.support_mode[j]):
+        p, n = a.path.support_p_O[j, s, slot], a.path.support_n_O[j, s, slot]
+        if mode == SLIDE:
+            f = n + a.path.support_mu[slot] * a.path.support_t_O[j, s, slot]
+            columns.append([*f, *np.cross(p - a.hand.p_OM_O, f) / a.hand.radius])
+            cost.append(0.0)
+            caps.append((-1, np.inf))
+        elif mode == STICK:
             spots.append((p, n, a.path.support_mu[slot], 0.0, np.inf))
     for number, (p, inward, mu, weight, cap) in enumerate(spots):
         x, y = np.empty(3), np.empty(3)
