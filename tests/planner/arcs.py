@@ -55,9 +55,7 @@ class Arc:
     def motion(self, problem: ContactMotions) -> Motion:
         """The samples of the problem's current V."""
         V = problem.snapshot()
-        return detail(
-            self.hand, self.path, problem.scan, self.terms, problem.current, V, problem.work, self.task.names
-        )
+        return detail(self.hand, self.path, problem.scan, self.terms, problem.current, V, problem.work, self.task.names)
 
     def joints(self, i: int) -> slice:
         """Where agent i's values stand in a row of joints."""

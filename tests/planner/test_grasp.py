@@ -16,9 +16,7 @@ EDGES = 64  # the polygon around the circle is 0.1 % wider
 def balances(a: Arc, use: float) -> bool:
     """Whether forces in cones of `use` times μ hold the object at the start (HiGHS)."""
     columns, caps = [], []
-    spots = [
-        (a.grasp.p_OC[i], -normal(a, i), use * a.hand.mu[i], a.hand.cap[i]) for i in np.flatnonzero(a.grasp.holds)
-    ]
+    spots = [(a.grasp.p_OC[i], -normal(a, i), use * a.hand.mu[i], a.hand.cap[i]) for i in np.flatnonzero(a.grasp.holds)]
     for slot in np.flatnonzero(a.path.support_mode[0] == 1):
         p, n = a.path.support_p_O[0, 0, slot], a.path.support_n_O[0, 0, slot]
         spots.append((p, n, use * a.path.support_mu[slot], 1e6))

@@ -98,7 +98,9 @@ def test_intervals_join(plan: Plan) -> None:
 
 
 def arrays(plan: Plan) -> dict[str, np.ndarray]:
-    return {f.name: getattr(plan, f.name) for f in dataclasses.fields(plan) if isinstance(getattr(plan, f.name), np.ndarray)}
+    return {
+        f.name: getattr(plan, f.name) for f in dataclasses.fields(plan) if isinstance(getattr(plan, f.name), np.ndarray)
+    }
 
 
 def test_the_same_seed_gives_the_same_plan_and_another_seed_another(plan: Plan) -> None:
@@ -140,7 +142,9 @@ BLOCK = [{"name": "block", "shape": "box", "size": [0.02, 0.02, 0.02], "pose": {
     ],
     ids=["too heavy", "unreachable contact", "start in collision", "goal in an obstacle"],
 )
-def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(fields, constraint, words, tmp_path, capsys) -> None:
+def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(
+    fields, constraint, words, tmp_path, capsys
+) -> None:
     code, answer, said = refused(changed(small(), **fields), tmp_path, capsys)
     assert code == 1
     assert answer["failure"]["constraint"] == constraint
@@ -148,15 +152,6 @@ def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(fields, con
     lines = [line for line in said.splitlines() if "no plan" in line]
     assert len(lines) == 1
     assert words in lines[0]
-
-
-def test_a_grasp_whose_fingers_collide_is_refused_before_the_search(tmp_path, capsys) -> None:
-    """All three fingers are given the same point."""
-    same = [{"agent": f"finger{i + 1}", "point": [0.045, 0, 0]} for i in range(3)]
-    start = {"pose": {"position": [0, 0, 0.135]}, "grasp": same}
-    code, answer, _ = refused(changed(small(), start=start), tmp_path, capsys)
-    assert code == 1
-    assert "start" in answer["failure"]["where"]
 
 
 @pytest.mark.parametrize(

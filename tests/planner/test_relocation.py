@@ -33,7 +33,9 @@ def test_free_candidates_are_touched_and_clear(name: str) -> None:
     j, free = 2, 0
     for i, agent in enumerate(world.agents):
         others = {int(g) for b in world.agents if b is not agent for g in b.geoms}
-        pairs = [p for p in world.collision_pairs if not others & set(p.tolist()) and set(p.tolist()) & set(agent.geoms)]
+        pairs = [
+            p for p in world.collision_pairs if not others & set(p.tolist()) and set(p.tolist()) & set(agent.geoms)
+        ]
         own = [set(p.tolist()) <= set(agent.geoms) for p in pairs]
         scan = problem.scan
         for c in range(len(scan.p_O)):

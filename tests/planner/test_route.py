@@ -1,5 +1,7 @@
 """The global planner: routes clear by MuJoCo's distances, round obstacles, straight where nothing is in the way."""
 
+import itertools
+
 import numpy as np
 import pytest
 from arcs import Oracle, changed
@@ -25,7 +27,7 @@ def test_every_pose_of_the_route_is_clear_of_the_post(post: tuple[Task, list[Nod
     home = task.hand.home
     obstacles = [task.world.model.geom("post").id]
     clearance, r = task.settings.route.clearance, task.hand.radius
-    for a, b in zip(route[:-1], route[1:], strict=True):
+    for a, b in itertools.pairwise(route):
         for R, p in zip(*task.router.grid.arc(a, b, 60), strict=True):
             oracle.put(R, p, home)
             apart = min(oracle.apart(o, g) for o in obstacles for g in task.world.object_geoms)
@@ -41,7 +43,7 @@ def test_the_route_goes_round_the_post(post: tuple[Task, list[Node]]) -> None:
     assert not task.router.free(grid.start, grid.goal)
     assert (route[0], route[-1]) == (grid.start, grid.goal)
     assert len(route) > 2
-    p = np.concatenate([grid.arc(a, b, 100)[1] for a, b in zip(route[:-1], route[1:], strict=True)])
+    p = np.concatenate([grid.arc(a, b, 100)[1] for a, b in itertools.pairwise(route)])
     crossing = p[np.argmin(np.abs(p[:, 0]))]
     beside, above = np.hypot(*crossing[:2]), crossing[2] - 0.096
     assert beside >= 0.035 + 0.006 or above >= 0.035 + 0.006 - 1e-3
@@ -50,7 +52,7 @@ def test_the_route_goes_round_the_post(post: tuple[Task, list[Node]]) -> None:
 def test_the_route_is_hardly_longer_than_the_shortest_way_round(post: tuple[Task, list[Node]]) -> None:
     """The taut string round a ball of the post's top and the object's radius, over the top: less than 1.5 times it."""
     task, route = post
-    along = sum(task.router.grid.length(a, b, task.hand.radius) for a, b in zip(route[:-1], route[1:], strict=True))
+    along = sum(task.router.grid.length(a, b, task.hand.radius) for a, b in itertools.pairwise(route))
     assert 0.09 <= along < 1.5 * 0.12
 
 
@@ -70,7 +72,7 @@ def test_an_arc_that_failed_is_avoided() -> None:
     route = router.route(start, lambda: False)
     assert not isinstance(route, Failure)
     assert len(route) > 2
-    arcs = list(zip(route[:-1], route[1:], strict=True))
+    arcs = list(itertools.pairwise(route))
     assert sum(router.raised(a, b) for a, b in arcs) < router.raised(start, goal)
     assert before <= sum(router.cost(a, b) for a, b in arcs)
     router.failed(*arcs[0])
