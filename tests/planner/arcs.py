@@ -126,7 +126,7 @@ class Oracle:
 
 
 def height(arc: Arc, p_O: Array) -> float:
-    """Distance of a point outside the object from its surface: closed form, or Lagrange's condition for the ellipsoid."""
+    """Distance of a point outside the object from its surface: by closed form, or Lagrange for the ellipsoid."""
     size = arc.hand.size_O
     if arc.task.world.scene.object.shape == "sphere":
         return float(np.linalg.norm(p_O) - size[0])

@@ -1,5 +1,7 @@
 """Eq. (1): what the shortcuts leave as it is, to the last bit, and what its counts count."""
 
+import itertools
+
 import numpy as np
 import pytest
 from arcs import NAMES, Arc, arc, changed, made
@@ -40,7 +42,7 @@ def same_states(a: ContactMotions, b: ContactMotions) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_incremental_evaluation_is_evaluation_from_scratch(each: Arc, seed: int) -> None:
-    """Along a chain of accepted, rejected and cut-off proposals the energy and the whole state are those of a new start;
+    """Along a chain of accepted, rejected and cut-off proposals the energy and the whole state are those from scratch;
     the bound turns energies above it into inf and leaves all others alone."""
     rng = np.random.default_rng(seed)
     n, k = len(each.path.R_WO), len(each.task.names)
@@ -80,7 +82,7 @@ def test_changes_count_as_documented() -> None:
     assert changes(np.array([[R], [R], [R]], np.int8)) == 2
     assert changes(np.array([[0], [R], [0]], np.int8)) == 2
     V = random_motions(40, 5, np.random.default_rng(0))
-    pairs = [(a, b) for row in V.T for a, b in zip(row[:-1], row[1:], strict=True)]
+    pairs = [(a, b) for row in V.T for a, b in itertools.pairwise(row)]
     assert changes(V) == sum(a != b for a, b in pairs) + sum(a == b == R for a, b in pairs)
 
 

@@ -53,7 +53,7 @@ def case(request: pytest.FixtureRequest) -> Followed:
 
 
 def test_the_contact_gap_stays_below_a_micrometre(case: Followed) -> None:
-    n, samples, k = case.p_OT.shape[:3]
+    n, samples = case.p_OT.shape[:2]
     assert not case.lost.all()
     worst = 0.0
     for j in range(n):
@@ -68,8 +68,8 @@ def test_the_contact_gap_stays_below_a_micrometre(case: Followed) -> None:
 
 def test_tips_roll_without_slip_and_slide_without_turning(case: Followed) -> None:
     """Central differences of X_OT: v of the tip's point at the contact and ω are the interval's stated relative motion,
-    with no spin, in the contact frame. Agents of any number of joints keep v; the turn of fewer is what they achieve."""
-    n, samples, k = case.p_OT.shape[:3]
+    with no spin, in the contact frame. Agents of any number of joints keep v; fewer than six turn as they can."""
+    n, samples = case.p_OT.shape[:2]
     m = samples - 1
     seen = 0
     for j in range(n):

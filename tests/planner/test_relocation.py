@@ -8,7 +8,7 @@ from arcs import SMALL, Arc, Oracle, arc, between, height, made
 from scipy.optimize import linprog
 
 from regrasp.kernels.surfaces import tangents
-from regrasp.planner.motions import RELOCATE, STAY
+from regrasp.planner.motions import OFF, RELOCATE, STAY
 from regrasp.planner.relocation import FREE, WAYS, Relocation, candidate_free, free_motion, outlook_of, scan_contacts
 from regrasp.planner.supports import SLIDE, STICK
 from regrasp.scene.load import load
@@ -25,7 +25,7 @@ def relocating(a: Arc, i: int, j: int):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_free_candidates_are_touched_and_clear(name: str) -> None:
-    """On a candidate that is FREE the agent's tip touches to 1e-6 m, its links keep the clearance from all that is fixed
+    """On a candidate that is FREE the agent's tip touches to 1e-6 m, its links keep the clearance from what is fixed
     and from the object, and no joint leaves its range."""
     a = arc(name)
     problem = relocating(a, 0, 0)
@@ -171,6 +171,18 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
             assert chosen in reachable
             assert score[chosen] == min(score[reachable])
     assert compared > 0
+
+
+def test_how_an_agent_retires_does_not_depend_on_what_it_did_before() -> None:
+    """Its joints are those of a new start where the matrix before had it relocate in the same interval."""
+    a, i, j = arc("fig2-planar"), 2, 0
+    problem = relocating(a, i, j)
+    assert problem.current.way[j, i] > 0
+    V = problem.snapshot()
+    V[j, i] = OFF
+    problem.reset(V)
+    assert not problem.current.lost[j, i]
+    np.testing.assert_array_equal(a.motion(problem).joints, a.motion(a.problem(V)).joints)
 
 
 def test_a_relocating_agent_bears_no_force() -> None:
