@@ -303,14 +303,17 @@ def evaluate(
         for i in range(k):
             if mover < 0 and moves_freely(V[j, i], new.holds[j, i]):
                 mover = i
-        if mover >= 0 and touched > 0:
-            work.touched[mover] = 1  # its scan and its way depend on all the others
+        if touched > 0:
+            for i in range(k):
+                if moves_freely(V[j, i], new.holds[j, i]):
+                    work.touched[i] = 1  # who may move, its scan and its way depend on all the others
         for i in range(k):
             if work.touched[i] == 0:
                 copy_motion(cur, new, j, i)
                 copy_agent(hand, cur, new, j + 1, i)
                 continue
             new.chosen[j, i] = -1
+            new.way[j, i] = 0
             new.lost[j, i] = 0
             if i == mover:
                 continue

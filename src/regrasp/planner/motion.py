@@ -161,11 +161,13 @@ def detail(
                 lands = c >= 0
                 goal_q = scan.q[i, j + 1, c, : last - first] if lands else hand.home[first:last]
                 p_c, n_c = (scan.p[i, j + 1, c], scan.n[i, j + 1, c]) if lands else (np.zeros(3), np.zeros(3))
-                free_motion(
+                clear = free_motion(
                     hand, path, state, j, i, bool(state.holds[j, i]), lands, p_c, n_c, goal_q, state.way[j, i],
                     terms.high, terms.clearance, q,
                 )  # fmt: skip
                 ends[i] = int(state.holds[j, i]) + 2 * int(lands)
+                if not clear:
+                    found.append(Violation("collision", j, names[i], "has no free way between contacts"))
                 if least_gap(hand, path, j, i, q) < -GRAZE:
                     found.append(Violation("collision", j, names[i], "grazes the object as it lifts off or touches down"))
             else:

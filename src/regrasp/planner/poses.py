@@ -112,14 +112,16 @@ class PoseGrid:
         return pose[0], pose[1] - gap(support, self.kind_O, self.size_O, *pose) * support.n_W
 
     def pose(self, node: Node) -> Pose | None:
-        """X_WO of a node; None where snapping would move it by more than a step."""
+        """X_WO of a node; None where snapping would move it by more than a step or along a held axis."""
         if node not in self._poses:
             p = self.start_pose[1] + self.step * np.array(node.cell, float)
             pose: Pose | None = (self.rotations[node.turn], p)
             if node.support != FREE:
                 assert pose is not None
                 moved = self.snapped(pose, node.support)
-                pose = moved if np.linalg.norm(moved[1] - p) <= self.step else None
+                shift = moved[1] - p
+                held = [axis for axis in range(3) if axis not in self.moves]
+                pose = moved if np.linalg.norm(shift) <= self.step and np.all(np.abs(shift[held]) <= TOUCH) else None
             self._poses[node] = pose
         return self._poses[node]
 

@@ -42,7 +42,7 @@ class GlobalPlanner:
     angle: float = 0.6
     clearance: float = 0.002
     weight: float = 1.0
-    nodes: int = 20000
+    nodes: int = 4000
     force: float = 0.2
     penalty: float = 3.0
 
