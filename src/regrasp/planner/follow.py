@@ -1,5 +1,7 @@
 """Maintaining contact (paper §2): an agent keeps touching the moving object while its contact rolls, slides or stays."""
 
+from typing import cast
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,12 +13,15 @@ from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.hand import Hand
+from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
 
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
-SUBSTEPS = np.int64(4)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
+SUBSTEPS = cast(
+    int, np.int64(4)
+)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad
@@ -134,7 +139,7 @@ def short_step(
     step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
     step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
     step[2], step[3] = command[2], command[3]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1), p_OC, p_TC, R_OT, x_O)
+    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), p_OC, p_TC, R_OT, x_O)
     for a in range(n_a):
         q[a] += dq[a]
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)

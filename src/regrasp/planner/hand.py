@@ -1,6 +1,5 @@
 """The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
 
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +8,8 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.kernels.chains import Chains
-from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE

@@ -17,7 +17,7 @@ from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.energy import Terms, Work, bearing, moves_freely
 from regrasp.planner.follow import is_full, reach_tip, short_step
 from regrasp.planner.hand import RANGE_MARGIN, Hand
-from regrasp.planner.motions import OFF, RELOCATE
+from regrasp.planner.motions import OFF, RELOCATE, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion
 from regrasp.planner.state import State
@@ -77,12 +77,10 @@ def trace_contact(
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
             advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1),
+                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1),
                 p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
             )  # fmt: skip
-            if not reach_tip(
-                hand, path, j, s + 1, i, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
-            ):
+            if not reach_tip(hand, path, j, s + 1, i, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL):
                 fine = False
         elif not short_step(
             hand, path, j, s, i, step, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL
@@ -125,7 +123,14 @@ def sample_hits(
 
 
 def detail(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, V: NDArray[np.int8], work: Work, names: tuple[str, ...]
+    hand: Hand,
+    path: Path,
+    scan: Scan,
+    terms: Terms,
+    state: State,
+    V: NDArray[np.int8],
+    work: Work,
+    names: tuple[str, ...],
 ) -> Motion:
     """The Motion of V, whose interval ends stand in the state as `evaluate` left them."""
     n, k = V.shape
@@ -169,19 +174,21 @@ def detail(
                 if not clear:
                     found.append(Violation("collision", j, names[i], "has no free way between contacts"))
                 if least_gap(hand, path, j, i, q) < -GRAZE:
-                    found.append(Violation("collision", j, names[i], "grazes the object as it lifts off or touches down"))
+                    found.append(
+                        Violation("collision", j, names[i], "grazes the object as it lifts off or touches down")
+                    )
             else:
                 q[:] = q[0]
                 if state.lost[j, i]:
                     found.append(Violation("reach", j, names[i], "finds no free way to or from a contact"))
             joints[j, :, first:last] = q
             fine = between(q)
-            if np.any(fine < hand.chains.lower[first:last] - LIMIT) or np.any(fine > hand.chains.upper[first:last] + LIMIT):
+            if np.any(fine < hand.chains.lower[first:last] - LIMIT) or np.any(
+                fine > hand.chains.upper[first:last] + LIMIT
+            ):
                 found.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
         hits = np.zeros((k, k + 2), np.uint8)
-        sample_hits(
-            hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, hits, state.R_WG[j], state.p_WG[j]
-        )
+        sample_hits(hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, hits, state.R_WG[j], state.p_WG[j])
         for a, c in zip(*np.nonzero(hits), strict=True):
             other = names[c] if c < k else ("a static body", "the object")[c - k]
             found.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
@@ -241,9 +248,7 @@ def forces(
         for i in range(k):
             if bears[i] and is_sliding(codes[i]):
                 slide_direction(codes[i], x_O[s, i], y_O[s, i], t[i])
-        held, _, columns = balance(
-            hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margin, work.lp
-        )
+        held, _, columns = balance(hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margin, work.lp)
         if not held:
             fine = False
             continue

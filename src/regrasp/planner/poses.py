@@ -93,7 +93,10 @@ class PoseGrid:
         # |q − p| = 2 sin(θ/4) for rotations θ apart.
         balls = tree.query_ball_point(quaternions, 2.0 * math.sin(1.6 * angle / 4.0))
         nearest = tree.query(quaternions, k=min(2 * count, 6))[1]
-        near = [{int(b) % count for b in (*ball, *row)} - {a} for a, (ball, row) in enumerate(zip(balls, nearest, strict=True))]
+        near = [
+            {int(b) % count for b in (*ball, *row)} - {a}
+            for a, (ball, row) in enumerate(zip(balls, nearest, strict=True))
+        ]
         for a, others in enumerate(near):
             for b in others:
                 near[b].add(a)
@@ -132,9 +135,9 @@ class PoseGrid:
         found = [self.goal]
         around = [(node.cell, turn) for turn in (node.turn, *self.near[node.turn])]
         for axis, sign in itertools.product(self.moves, (-1, 1)):
-            cell = list(node.cell)
-            cell[axis] += sign
-            around.append(((cell[0], cell[1], cell[2]), node.turn))
+            beside = list(node.cell)
+            beside[axis] += sign
+            around.append(((beside[0], beside[1], beside[2]), node.turn))
         for cell, turn in around:
             for support in range(FREE, len(self.supports)):
                 other = Node(cell, turn, support)
