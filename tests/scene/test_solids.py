@@ -28,7 +28,7 @@ def distance(shape: Object, p: np.ndarray) -> float:
         return float(np.linalg.norm(p) - size[0])
     if shape.shape == "capsule":
         return math.hypot(p[0], p[1], max(0.0, abs(p[2]) - size[1])) - size[0]
-    if shape.shape == "cylinder":
+    if shape.shape == "cylinder":  # noqa: SIM108
         excess = np.array([math.hypot(p[0], p[1]), abs(p[2])]) - (size - r)
     else:
         excess = np.abs(p) - (size - r)

@@ -5,6 +5,9 @@ models would have hundreds of arguments, which costs most of the compile time an
 A record is one pointer to a table of machine words. Its fields are read as from any object, in Python and in kernels.
 """
 
+# numba's extension interface is untyped.
+# mypy: disable-error-code="import-untyped, arg-type, attr-defined, no-untyped-call, untyped-decorator, override"
+
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, dataclass_transform
 
@@ -62,7 +65,7 @@ class Record:
 
     def __post_init__(self) -> None:
         members, table = [], []
-        for field in fields(self):  # type: ignore[arg-type]
+        for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, Record):
                 members.append((field.name, value._numba_type_))
@@ -86,7 +89,7 @@ class Record:
         object.__setattr__(self, "_address", self._table.ctypes.data)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
 
 register_model(RecordType)(OpaqueModel)

@@ -67,10 +67,10 @@ def pose_row(pose: Pose) -> Array:
     return np.concatenate([pose[1], Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)])
 
 
-def support_slots(motion: Motion, supports: tuple[Support, ...], P: int, first: Array) -> dict[str, Array]:
+def support_slots(motion: Motion, supports: tuple[Support, ...], P: int, first: Array) -> dict[str, Any]:
     """A motion's support arrays spread over the plan's P slots; slots of support a begin at first[a]."""
     n, samples = motion.path.R_WO.shape[:2]
-    out = {
+    out: dict[str, Any] = {
         "support_mode": np.zeros((n, P), np.int8),
         "support_p_O": np.zeros((n, samples, P, 3)),
         "support_n_W": np.zeros((n, samples, P, 3)),
@@ -119,7 +119,7 @@ def assemble(
         n_O=np.concatenate([motion.n_O for motion in motions]),
         x_O=np.concatenate([motion.x_O for motion in motions]),
         force_W=np.concatenate([motion.force_W for motion in motions]),
-        **{name: np.concatenate([slot[name] for slot in slots]) for name in slots[0]},  # type: ignore[arg-type]
+        **{name: np.concatenate([slot[name] for slot in slots]) for name in slots[0]},
         segment=np.concatenate([np.full(len(motion.V), a, np.int64) for a, motion in enumerate(motions)]),
         route=np.array([pose_row(pose) for pose in subgoals]),
         energy=np.concatenate([segment.energy for segment in segments]),
@@ -141,4 +141,8 @@ def assemble(
 def versions() -> dict[str, str]:
     """Versions of what made a plan."""
     names = ("mujoco", "numba", "numpy", "scipy")
-    return {"regrasp": __version__, "python": platform.python_version(), **{name: importlib.metadata.version(name) for name in names}}
+    return {
+        "regrasp": __version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in names},
+    }

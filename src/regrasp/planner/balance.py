@@ -9,7 +9,7 @@ from regrasp.kernels.forces import EDGES, friction_edges, ray
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y
+from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y, whole
 from regrasp.planner.path import Path
 from regrasp.planner.supports import SLIDE, STICK
 
@@ -101,10 +101,10 @@ def balance(
 
     bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
     """
-    columns = np.int64(0)
+    columns = whole(0)
     for i in range(len(bears)):
         if bears[i]:
-            columns += contact_columns(hand, i, np.int64(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
+            columns += contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
     columns += support_columns(hand, path, j, s, margin, lp, columns)
     for a in range(3):
         lp.b[a] = path.up_O[j, s, a]

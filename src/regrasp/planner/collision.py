@@ -46,7 +46,7 @@ def block_hit(hand: Hand, a: int, c: int, R_WG: Array, p_WG: Array, clearance: f
 
     a is an agent, or k for the object; c an agent, k for the static bodies, k + 1 for the object (`Hand.block`).
     """
-    if c == a:
+    if c == a and a < len(hand.tip_geom):
         clearance = 0.0  # neighbouring links of one agent are close by construction
     for n in range(hand.block[a, c], hand.block[a, c + 1]):
         if closer(hand, hand.pairs[n, 0], hand.pairs[n, 1], R_WG, p_WG, clearance):

@@ -6,13 +6,14 @@ partial sum, to which every further term only adds, exceeds the bound that the M
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward
 from regrasp.kernels.basis import Program, program
+from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project, tangents
@@ -20,7 +21,7 @@ from regrasp.planner.balance import balance, is_sliding, slide_direction
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import OFF, RELOCATE, STAY
+from regrasp.planner.motions import OFF, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion, relocate, stand_on
 from regrasp.planner.state import State, copy_agent, copy_motion, same_agent
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 # Typed, as numba would compile every kernel below a literal a second time.
-NOBODY, STAND = np.int64(-1), np.int64(STAY)
+NOBODY, STAND = cast(int, np.int64(-1)), cast(int, np.int64(STAY))
 
 
 @dataclass(frozen=True)
@@ -144,9 +145,7 @@ def rest(hand: Hand, state: State, j: int, i: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def move_freely(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, j: int, i: int, work: Work
-) -> None:
+def move_freely(hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, j: int, i: int, work: Work) -> None:
     """Agent i relocates or retires in interval j; where it can't, it is lost and keeps to where it is."""
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
     n_a = last - first
@@ -166,7 +165,7 @@ def move_freely(
         lifts = state.holds[j, i] == 1
         home = hand.home[first:last]
         if free_motion(
-            hand, path, state, j, i, lifts, not lifts, goal, goal, home, np.int64(0), terms.high, terms.clearance, q
+            hand, path, state, j, i, lifts, not lifts, goal, goal, home, whole(0), terms.high, terms.clearance, q
         ):
             R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
             state.q[j + 1, first:last] = home
@@ -212,7 +211,7 @@ def same_program(path: Path, state: State, j: int) -> bool:
         return False
     for i in range(state.V.shape[1]):
         code = state.V[j, i]
-        if code != state.V[j - 1, i] or code == RELOCATE or is_sliding(np.int64(code)):
+        if code != state.V[j - 1, i] or code == RELOCATE or is_sliding(whole(code)):
             return False
         if state.holds[j - 1, i] != state.holds[j, i]:
             return False
@@ -238,7 +237,7 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
         start = new.end[j - 1]
     else:
         held, value, _ = balance(
-            hand, path, j, np.int64(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin,
+            hand, path, j, whole(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin,
             work.lp,
         )  # fmt: skip
         if held:
@@ -280,7 +279,7 @@ def evaluate(
     E = terms.change * changes(V)
     for j in range(first):
         E += interval_energy(terms, cur, j)
-    if E > bound:
+    if bound < E:
         return np.inf, first
     for i in range(k):
         copy_agent(hand, cur, new, first, i)
@@ -298,26 +297,29 @@ def evaluate(
         if touched == 0 and j > final:
             for rest_j in range(j, n):
                 E += interval_energy(terms, cur, rest_j)
-            return (E, j) if E <= bound else (np.inf, j)
+            return (E, j) if bound >= E else (np.inf, j)
         mover = NOBODY
         for i in range(k):
             if mover < 0 and moves_freely(V[j, i], new.holds[j, i]):
                 mover = i
-        if mover >= 0 and touched > 0:
-            work.touched[mover] = 1  # its scan and its way depend on all the others
+        if touched > 0:
+            for i in range(k):
+                if moves_freely(V[j, i], new.holds[j, i]):
+                    work.touched[i] = 1  # who may move, its scan and its way depend on all the others
         for i in range(k):
             if work.touched[i] == 0:
                 copy_motion(cur, new, j, i)
                 copy_agent(hand, cur, new, j + 1, i)
                 continue
             new.chosen[j, i] = -1
+            new.way[j, i] = 0
             new.lost[j, i] = 0
             if i == mover:
                 continue
             if moves_freely(V[j, i], new.holds[j, i]):
                 stay_behind(hand, path, terms, new, j, i)  # one free motion at a time
             elif new.holds[j, i] == 1:
-                follow_contact(hand, path, terms, new, j, i, np.int64(V[j, i]))
+                follow_contact(hand, path, terms, new, j, i, whole(V[j, i]))
             else:
                 rest(hand, new, j, i)
         bearing(new, j, work.bears)
@@ -335,7 +337,7 @@ def evaluate(
             collisions(hand, terms, cur, new, j, work, fresh)
             score_interval(hand, path, terms, new, j, work)
         E += interval_energy(terms, new, j)
-        if E > bound:
+        if bound < E:
             return np.inf, j + 1
     return E, n
 

@@ -1,5 +1,7 @@
 """Maintaining contact (paper §2): an agent keeps touching the moving object while its contact rolls, slides or stays."""
 
+from typing import cast
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,12 +13,17 @@ from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.hand import Hand
+from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
 
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
-SUBSTEPS = np.int64(4)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
+SUBSTEPS = cast(
+    int, np.int64(4)
+)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
+SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
+SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad
 JUMP = 0.3  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
@@ -99,6 +106,7 @@ def short_step(
     object_step(path, j, s, turn, shift)
     middle = q.copy()
     contact, axis = p_OC.copy(), x_O.copy()
+    defect = 0.0
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
@@ -121,7 +129,7 @@ def short_step(
             w[a] += turn[a]
             p_W[a] += r[a]
         jacobian(hand.chains, i, R_WL, p_WL, p_W, J)
-        rates(J, v, w, dq, got)
+        defect = rates(J, v, w, dq, got)
         if stage == 0:
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
@@ -131,12 +139,13 @@ def short_step(
     step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
     step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
     step[2], step[3] = command[2], command[3]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1), p_OC, p_TC, R_OT, x_O)
+    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), p_OC, p_TC, R_OT, x_O)
     for a in range(n_a):
         q[a] += dq[a]
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
     tip_target(path.R_WO[j, s + 1], path.p_WO[j, s + 1], p_OC, p_TC, R_OT, R_WT, p_WT)
     rotate(R_WT, hand.axis_T[i], w)
+    predicted = q.copy()
     residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], w, q, R_WL, p_WL)
     # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
     multiply_back(path.R_WO[j, s + 1], R_WL[n_a], R_OT)
@@ -144,7 +153,9 @@ def short_step(
     rotate_back(R_OT, n, r)
     for a in range(3):
         p_TC[a] = -hand.size_T[i, 0] * r[a]
-    return residual < REACHED
+    # Near a singularity or a joint limit the rates can't be met, and settling would slip or turn the tip instead.
+    met = defect < REACHED and np.max(np.abs(dq)) < SPURT and np.max(np.abs(q - predicted)) < SETTLE
+    return met and residual < REACHED
 
 
 @njit(cache=True, nogil=True)

@@ -6,15 +6,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward
 from regrasp.kernels.basis import Program, program
+from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.energy import Terms
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import STAY
+from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
@@ -86,9 +86,7 @@ def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array,
     return Grasp(q, holds, p_OC, p_TC, R_OT)
 
 
-def given_grasp(
-    hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]
-) -> Grasp | Failure:
+def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
     """The scene's own start contacts: points on the object are reached by inverse kinematics from the rest posture."""
     R_WO, p_WO = path.R_WO[0, 0], path.p_WO[0, 0]
     found: dict[int, tuple[Array, Array, Array]] = {}
@@ -138,7 +136,7 @@ def grasp_cost(
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int8)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
-    cost, start = 0.0, np.int64(0)
+    cost, start = 0.0, whole(0)
     for a in range(len(agents)):
         i = agents[a]
         bears[i] = 1
@@ -191,13 +189,13 @@ def find_grasp(
     ahead = np.zeros((len(agents), count, LOOKS + 1, scan.q.shape[3]))
     legal = []
     for a, i in enumerate(agents):
-        free = [c for c in range(count) if candidate_free(hand, path, scan, state, 0, i, c, terms.clearance)]
-        if not free:
+        standing = [c for c in range(count) if candidate_free(hand, path, scan, state, 0, i, c, terms.clearance)]
+        if not standing:
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
                 "move the object nearer to its base, or list the agent in start.off",
             )  # fmt: skip
-        for c in free:
+        for c in standing:
             kept[a, c] = outlook_of(hand, path, scan, state, 0, i, c, terms.clearance)
             p_TC, R_OT = np.empty(3), np.empty((3, 3))
             touch(hand, path, scan, 0, i, c, p_TC, R_OT)
@@ -206,7 +204,7 @@ def find_grasp(
             reached = hold_on(hand, path, 0, i, scan.p[i, 0, c], p_TC, R_OT, joints)
             joints[reached + 1 :] = joints[reached]
             ahead[a, c, :, : joints.shape[1]] = joints
-        legal.append(np.array(free))
+        legal.append(np.array(standing))
     for i in off:
         if any(block_hit(hand, i, c, state.R_WG[0], state.p_WG[0], 0.0) for c in (k, k + 1)) or tip_hit(
             hand, i, state.R_WG[0], state.p_WG[0], 0.0
@@ -226,8 +224,8 @@ def find_grasp(
         changed = True
         while changed:
             changed = False
-            for a, free in enumerate(legal):
-                for c in free:
+            for a, candidates in enumerate(legal):
+                for c in candidates:
                     trial = choice.copy()
                     trial[a] = c
                     value = grasp_cost(hand, path, scan, state, terms, agents, trial, margin, kept, ahead, cost, lp)

@@ -1,5 +1,6 @@
 """The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
 
+from dataclasses import replace
 
 import numpy as np
 from mujoco import mjtGeom
@@ -7,8 +8,8 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.kernels.chains import Chains
-from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
@@ -19,6 +20,8 @@ from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+RANGE_MARGIN = 0.015  # rad or m that plans keep from the joint limits
 
 
 class Hand(Record):
@@ -75,6 +78,8 @@ def hand_of(world: World) -> Hand:
     index = geom_index(world)
     ids = [geom for geom in index if geom not in world.object_geoms]
     chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
+    # Between two samples a plan's spline passes their joint values by a little.
+    chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
     geoms = with_object(geoms_from(model, ids, joints, world.object_body), world.object_kind, world.object_size)
     starts = np.cumsum([0, *(len(agent.geoms) for agent in agents)])
     pairs, block = blocks([(index[int(a)], index[int(b)]) for a, b in world.collision_pairs], geoms.agent, len(agents))

@@ -147,7 +147,9 @@ def plan_pieces(
 def out_of_time(limit: float, done: int, last: Failure | None) -> Failure:
     """The time limit ended the run after `done` segments; `last` failed before."""
     before = f"; last failure: {last}" if last else ""
-    return Failure("time", f"segment {done + 1}", "", f"no complete plan in {limit:g} s{before}", "more time, or no limit")
+    return Failure(
+        "time", f"segment {done + 1}", "", f"no complete plan in {limit:g} s{before}", "more time, or no limit"
+    )
 
 
 def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | None = None) -> Outcome:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.contact import advance
@@ -14,8 +16,8 @@ from regrasp.planner.balance import balance, is_sliding, slide_direction
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.energy import Terms, Work, bearing, moves_freely
 from regrasp.planner.follow import is_full, reach_tip, short_step
-from regrasp.planner.hand import Hand
-from regrasp.planner.motions import OFF, RELOCATE
+from regrasp.planner.hand import RANGE_MARGIN, Hand
+from regrasp.planner.motions import OFF, RELOCATE, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion
 from regrasp.planner.state import State
@@ -23,6 +25,8 @@ from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 
+GRAZE = 5e-5  # m: a tip may come so far into the surface between two samples of its lift
+LIMIT = RANGE_MARGIN  # rad or m: a joint may use up the margin between two samples
 SAME = 1e-4  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
 
 
@@ -73,12 +77,10 @@ def trace_contact(
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
             advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, np.int64(1),
+                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1),
                 p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
             )  # fmt: skip
-            if not reach_tip(
-                hand, path, j, s + 1, i, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
-            ):
+            if not reach_tip(hand, path, j, s + 1, i, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL):
                 fine = False
         elif not short_step(
             hand, path, j, s, i, step, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL
@@ -121,7 +123,14 @@ def sample_hits(
 
 
 def detail(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, V: NDArray[np.int8], work: Work, names: tuple[str, ...]
+    hand: Hand,
+    path: Path,
+    scan: Scan,
+    terms: Terms,
+    state: State,
+    V: NDArray[np.int8],
+    work: Work,
+    names: tuple[str, ...],
 ) -> Motion:
     """The Motion of V, whose interval ends stand in the state as `evaluate` left them."""
     n, k = V.shape
@@ -157,20 +166,29 @@ def detail(
                 lands = c >= 0
                 goal_q = scan.q[i, j + 1, c, : last - first] if lands else hand.home[first:last]
                 p_c, n_c = (scan.p[i, j + 1, c], scan.n[i, j + 1, c]) if lands else (np.zeros(3), np.zeros(3))
-                free_motion(
+                clear = free_motion(
                     hand, path, state, j, i, bool(state.holds[j, i]), lands, p_c, n_c, goal_q, state.way[j, i],
                     terms.high, terms.clearance, q,
                 )  # fmt: skip
                 ends[i] = int(state.holds[j, i]) + 2 * int(lands)
+                if not clear:
+                    found.append(Violation("collision", j, names[i], "has no free way between contacts"))
+                if least_gap(hand, path, j, i, q) < -GRAZE:
+                    found.append(
+                        Violation("collision", j, names[i], "grazes the object as it lifts off or touches down")
+                    )
             else:
                 q[:] = q[0]
                 if state.lost[j, i]:
                     found.append(Violation("reach", j, names[i], "finds no free way to or from a contact"))
             joints[j, :, first:last] = q
+            fine = between(q)
+            if np.any(fine < hand.chains.lower[first:last] - LIMIT) or np.any(
+                fine > hand.chains.upper[first:last] + LIMIT
+            ):
+                found.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
         hits = np.zeros((k, k + 2), np.uint8)
-        sample_hits(
-            hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, hits, state.R_WG[j], state.p_WG[j]
-        )
+        sample_hits(hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, hits, state.R_WG[j], state.p_WG[j])
         for a, c in zip(*np.nonzero(hits), strict=True):
             other = names[c] if c < k else ("a static body", "the object")[c - k]
             found.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
@@ -178,6 +196,27 @@ def detail(
             found.append(Violation("equilibrium", j, "", "no contact forces hold the object"))
     V = np.where(said, V, OFF).astype(np.int8)
     return Motion(path, V, joints, twist, p_OC, n_O, x_O, force, support_force, tuple(found))
+
+
+def between(q: Array) -> Array:
+    """Joints on the spline that a plan follows (`regrasp.plan`), five times as dense as the samples q (m + 1, n_a)."""
+    m = len(q) - 1
+    return np.asarray(CubicSpline(np.arange(m + 1), q)(np.linspace(0.0, m, 5 * m + 1)))
+
+
+def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
+    """Least distance of agent i's tip from the object's surface in interval j, between the samples too, m."""
+    fine, m = between(q), len(q) - 1
+    n_a = q.shape[1]
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    foot, n, least = np.empty(3), np.empty(3), np.inf
+    turns = Slerp(np.arange(m + 1), Rotation.from_matrix(path.R_WO[j]))(np.linspace(0.0, m, len(fine))).as_matrix()
+    places = CubicSpline(np.arange(m + 1), path.p_WO[j])(np.linspace(0.0, m, len(fine)))
+    for row, R_WO, p_WO in zip(fine, turns, places, strict=True):
+        forward(hand.chains, i, row, R_WL, p_WL)
+        centre = np.ascontiguousarray(R_WO.T @ (p_WL[n_a] - p_WO))
+        least = min(least, project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0])
+    return least
 
 
 def achieved(hand: Hand, i: int, command: Array, R_OT: Array, x_O: Array, n_O: Array) -> Array:
@@ -209,9 +248,7 @@ def forces(
         for i in range(k):
             if bears[i] and is_sliding(codes[i]):
                 slide_direction(codes[i], x_O[s, i], y_O[s, i], t[i])
-        held, _, columns = balance(
-            hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margin, work.lp
-        )
+        held, _, columns = balance(hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margin, work.lp)
         if not held:
             fine = False
             continue

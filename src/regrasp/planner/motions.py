@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 STAY = 0
@@ -11,6 +12,12 @@ SLIDE_X, SLIDE_MINUS_X, SLIDE_Y, SLIDE_MINUS_Y = 5, 6, 7, 8
 RELOCATE = 9
 OFF = 10
 MOTION_COUNT = 11
+
+
+@njit(cache=True, nogil=True)
+def whole(value: int) -> int:
+    """The number as numba's int64: it would compile a kernel and all it calls a second time for a literal argument."""
+    return np.int64(value)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)

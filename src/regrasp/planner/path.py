@@ -1,6 +1,5 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

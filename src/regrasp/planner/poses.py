@@ -93,7 +93,10 @@ class PoseGrid:
         # |q − p| = 2 sin(θ/4) for rotations θ apart.
         balls = tree.query_ball_point(quaternions, 2.0 * math.sin(1.6 * angle / 4.0))
         nearest = tree.query(quaternions, k=min(2 * count, 6))[1]
-        near = [{int(b) % count for b in (*ball, *row)} - {a} for a, (ball, row) in enumerate(zip(balls, nearest, strict=True))]
+        near = [
+            {int(b) % count for b in (*ball, *row)} - {a}
+            for a, (ball, row) in enumerate(zip(balls, nearest, strict=True))
+        ]
         for a, others in enumerate(near):
             for b in others:
                 near[b].add(a)
@@ -112,14 +115,16 @@ class PoseGrid:
         return pose[0], pose[1] - gap(support, self.kind_O, self.size_O, *pose) * support.n_W
 
     def pose(self, node: Node) -> Pose | None:
-        """X_WO of a node; None where snapping would move it by more than a step."""
+        """X_WO of a node; None where snapping would move it by more than a step or along a held axis."""
         if node not in self._poses:
             p = self.start_pose[1] + self.step * np.array(node.cell, float)
             pose: Pose | None = (self.rotations[node.turn], p)
             if node.support != FREE:
                 assert pose is not None
                 moved = self.snapped(pose, node.support)
-                pose = moved if np.linalg.norm(moved[1] - p) <= self.step else None
+                shift = moved[1] - p
+                held = [axis for axis in range(3) if axis not in self.moves]
+                pose = moved if np.linalg.norm(shift) <= self.step and np.all(np.abs(shift[held]) <= TOUCH) else None
             self._poses[node] = pose
         return self._poses[node]
 
@@ -130,9 +135,9 @@ class PoseGrid:
         found = [self.goal]
         around = [(node.cell, turn) for turn in (node.turn, *self.near[node.turn])]
         for axis, sign in itertools.product(self.moves, (-1, 1)):
-            cell = list(node.cell)
-            cell[axis] += sign
-            around.append(((cell[0], cell[1], cell[2]), node.turn))
+            beside = list(node.cell)
+            beside[axis] += sign
+            around.append(((beside[0], beside[1], beside[2]), node.turn))
         for cell, turn in around:
             for support in range(FREE, len(self.supports)):
                 other = Node(cell, turn, support)

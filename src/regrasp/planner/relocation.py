@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.basis import Program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse, inverse_point
-from regrasp.kernels.basis import Program
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
 from regrasp.kernels.sampling import sample
@@ -17,7 +17,7 @@ from regrasp.planner.balance import balance
 from regrasp.planner.collision import block_hit, place, tip_hit
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, tip_target
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import STAY
+from regrasp.planner.motions import STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.state import State
 
@@ -104,9 +104,7 @@ def touch_down(
 
 
 @njit(cache=True, nogil=True)
-def candidate_free(
-    hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c: int, clearance: float
-) -> bool:
+def candidate_free(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, c: int, clearance: float) -> bool:
     """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered."""
     known = scan.status[i, j, c]
     if known != UNKNOWN:
@@ -217,7 +215,10 @@ def outlook_of(hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int,
             forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
             place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
             ahead = look_ahead(n, j, kept + 1)
-            R_WG[hand.object_geom], p_WG[hand.object_geom] = state.R_WG[ahead, hand.object_geom], state.p_WG[ahead, hand.object_geom]
+            R_WG[hand.object_geom], p_WG[hand.object_geom] = (
+                state.R_WG[ahead, hand.object_geom],
+                state.p_WG[ahead, hand.object_geom],
+            )
             if (
                 block_hit(hand, i, i, R_WG, p_WG, 0.0)
                 or block_hit(hand, i, k, R_WG, p_WG, clearance)
@@ -389,7 +390,9 @@ def free_motion(
         # The parabola through both ends and the middle.
         for a in range(n_a):
             q[s, a] = (
-                (1.0 - u) * (1.0 - 2.0 * u) * q[start, a] + 4.0 * u * (1.0 - u) * middle[a] + u * (2.0 * u - 1.0) * q[end, a]
+                (1.0 - u) * (1.0 - 2.0 * u) * q[start, a]
+                + 4.0 * u * (1.0 - u) * middle[a]
+                + u * (2.0 * u - 1.0) * q[end, a]
             )
             if q[s, a] < hand.chains.lower[first + a] or q[s, a] > hand.chains.upper[first + a]:
                 return False
@@ -432,7 +435,7 @@ def relocate(
     lands = tries > 0
     left = tries
     while left > 0:
-        c = np.argmin(score)
+        c = whole(np.argmin(score))  # type: ignore[arg-type]
         if score[c] == np.inf:
             break
         if seen[c] == 0:

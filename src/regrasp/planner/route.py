@@ -42,7 +42,7 @@ class GlobalPlanner:
     angle: float = 0.6
     clearance: float = 0.002
     weight: float = 1.0
-    nodes: int = 20000
+    nodes: int = 4000
     force: float = 0.2
     penalty: float = 3.0
 
@@ -64,7 +64,13 @@ class Router:
         """What the object would hit at a pose: '' if nothing, else the kind of body."""
         k = len(self.hand.tip_geom)
         place(
-            self.hand, self.hand.object_geom, self.hand.object_geom + 1, pose[0][None], pose[1][None], self._R_WG, self._p_WG
+            self.hand,
+            self.hand.object_geom,
+            self.hand.object_geom + 1,
+            pose[0][None],
+            pose[1][None],
+            self._R_WG,
+            self._p_WG,
         )
         if block_hit(self.hand, k, k, self._R_WG, self._p_WG, clearance):
             return "an obstacle"

@@ -1,6 +1,5 @@
 """Where every agent and contact is at the ends of all intervals, under one matrix V."""
 
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

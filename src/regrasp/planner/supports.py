@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from mujoco import mju_quat2Mat, mjtGeom
+from mujoco import mjtGeom, mju_quat2Mat
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
@@ -52,9 +52,9 @@ def supports_of(world: World, hand: Hand) -> tuple[Support, ...]:
     found = []
     g = np.array(world.scene.gravity)
     for name, geom, mu in zip(world.scene.supports, world.support_geoms, world.support_friction, strict=True):
-        R = np.empty(9)
-        mju_quat2Mat(R, world.model.geom_quat[geom])
-        R, p = R.reshape(3, 3), np.array(world.model.geom_pos[geom])
+        flat = np.empty(9)
+        mju_quat2Mat(flat, world.model.geom_quat[geom])
+        R, p = flat.reshape(3, 3), np.array(world.model.geom_pos[geom])
         size = world.model.geom_size[geom]
         match mjtGeom(int(world.model.geom_type[geom])):
             case mjtGeom.mjGEOM_PLANE:

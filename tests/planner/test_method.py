@@ -1,0 +1,167 @@
+"""The whole method on a small scene: a plan that proves itself, the same for the same seed; bad inputs in one line."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arcs import arc, changed
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from regrasp.cli import main
+from regrasp.plan import Plan
+from regrasp.planner.assemble import quaternions
+from regrasp.planner.local import LocalPlanner
+from regrasp.planner.method import Settings, plan_scene
+from regrasp.scene.load import dump, load
+from regrasp.scene.schema import Scene
+from regrasp.search.annealing import Settings as Annealing
+from regrasp.verify.check import check
+
+QUICK = Settings(local=LocalPlanner(annealing=Annealing(iterations=400, trials=50)))
+
+
+def small() -> Scene:
+    return changed(load("fig3-puma3"), goal={"pose": {"position": [0.005, 0, 0.14], "euler": [0.1, 0, 0.15]}})
+
+
+def planned(seed: int) -> Plan:
+    outcome = plan_scene(small(), seed, QUICK)
+    assert outcome.plan is not None, str(outcome.failure)
+    return outcome.plan
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    return planned(0)
+
+
+def test_the_plan_proves_itself(plan: Plan) -> None:
+    certificate = check(plan)
+    assert certificate.passed, [str(finding) for finding in certificate.refusals]
+    assert plan.feasible
+
+
+@pytest.mark.parametrize("name", ["fig2-planar", "puma4-obstacles"])
+def test_a_built_in_scene_proves_itself(name: str) -> None:
+    settings = dataclasses.replace(
+        QUICK, local=dataclasses.replace(QUICK.local, annealing=Annealing(iterations=1500, trials=100))
+    )
+    outcome = plan_scene(load(name), 0, settings)
+    assert outcome.plan is not None, str(outcome.failure)
+    certificate = check(outcome.plan)
+    assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+def test_no_joint_exceeds_its_speed(plan: Plan) -> None:
+    """Half of each joint's limit along the spline, and the object's speed; no interval shorter than allowed."""
+    timing = QUICK.timing
+    speeds = np.concatenate([agent.speed for agent in arc("fig3-puma3").task.world.agents])
+    lasts = plan.time[:, -1] - plan.time[:, 0]
+    assert np.all(lasts >= timing.shortest - 1e-12)
+    np.testing.assert_array_equal(plan.time[1:, 0], plan.time[:-1, -1])
+    limiting = 0.0
+    for j, t in enumerate(plan.time):
+        rate = CubicSpline(t, plan.joints[j])(np.linspace(t[0], t[-1], 400), 1)
+        # The duration looks at five points between samples; the peak between two of these is hardly higher.
+        assert np.all(np.abs(rate) <= 1.01 * timing.speed * speeds)
+        way = np.linalg.norm(np.diff(plan.object_position[j], axis=0), axis=1).sum()
+        assert way / lasts[j] <= timing.object_speed * (1 + 1e-9)
+        limiting = max(limiting, np.max(np.abs(rate) / speeds) / timing.speed, way / lasts[j] / timing.object_speed)
+    assert limiting > 0.99 or np.isclose(lasts.min(), timing.shortest)
+
+
+def test_quaternions_are_unit_and_never_jump(plan: Plan) -> None:
+    q = plan.object_quaternion.reshape(-1, 4)
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-12)
+    assert np.all(np.linalg.norm(np.diff(q, axis=0), axis=1) < 0.1)
+
+
+def test_quaternions_follow_two_full_turns_without_a_jump() -> None:
+    R = Rotation.from_rotvec(np.linspace(0, 4 * np.pi, 200)[:, None] * [0.6, 0.0, 0.8]).as_matrix()
+    q = quaternions(R.reshape(20, 10, 3, 3)).reshape(-1, 4)
+    assert np.all(np.linalg.norm(np.diff(q, axis=0), axis=1) < 0.05)
+    np.testing.assert_allclose(Rotation.from_quat(q, scalar_first=True).as_matrix(), R, atol=1e-12)
+
+
+def test_intervals_join(plan: Plan) -> None:
+    """Each interval begins where the one before ends, to the last bit in the joints; start and goal are exact."""
+    np.testing.assert_allclose(plan.joints[1:, 0], plan.joints[:-1, -1], atol=1e-12)
+    np.testing.assert_array_equal(plan.object_position[1:, 0], plan.object_position[:-1, -1])
+    scene = small()
+    np.testing.assert_allclose(plan.object_position[0, 0], scene.start.pose.p, atol=1e-12)
+    np.testing.assert_allclose(plan.object_position[-1, -1], scene.goal.pose.p, atol=1e-12)
+    R = Rotation.from_quat(plan.object_quaternion[-1, -1], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(R, scene.goal.pose.R, atol=1e-12)
+
+
+def arrays(plan: Plan) -> dict[str, np.ndarray]:
+    return {
+        f.name: getattr(plan, f.name) for f in dataclasses.fields(plan) if isinstance(getattr(plan, f.name), np.ndarray)
+    }
+
+
+def test_the_same_seed_gives_the_same_plan_and_another_seed_another(plan: Plan) -> None:
+    again, other = planned(0), planned(1)
+    assert len(arrays(plan)) > 15
+    for name, value in arrays(plan).items():
+        np.testing.assert_array_equal(value, getattr(again, name), err_msg=name)
+    assert not np.array_equal(plan.V, other.V) or not np.array_equal(plan.joints, other.joints)
+
+
+def refused(scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tuple[int, dict, str]:
+    """Exit code, JSON answer and what is said of planning a scene file on the command line."""
+    file, out = tmp_path / "bad.yaml", tmp_path / "plan.npz"
+    file.write_text(dump(scene))
+    code = main(["plan", str(file), "-o", str(out), "--iterations", "100", "--json", *flags])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    assert not out.exists()
+    return code, json.loads(said.out), said.err
+
+
+HEAVY = {"shape": "ellipsoid", "size": [0.045, 0.04, 0.04], "mass": 20.0}
+POINTS = [[0.045, 0, 0], [-0.02, 0.03, 0], [-0.02, -0.03, 0]]
+FAR = [{"agent": f"finger{i + 1}", "point": point} for i, point in enumerate(POINTS)]
+BLOCK = [{"name": "block", "shape": "box", "size": [0.02, 0.02, 0.02], "pose": {"position": [0, 0, 0.3]}}]
+
+
+@pytest.mark.parametrize(
+    ("fields", "constraint", "words"),
+    [
+        ({"object": HEAVY}, "equilibrium", "max_force"),
+        ({"start": {"pose": {"position": [0.4, 0, 0.4]}, "grasp": FAR}}, "reach", "finger2"),
+        (
+            {"environment": BLOCK, "start": {"pose": {"position": [0, 0, 0.3]}}},
+            "collision",
+            "start.pose",
+        ),
+        ({"environment": BLOCK, "goal": {"pose": {"position": [0, 0, 0.3]}}}, "collision", "goal.pose"),
+    ],
+    ids=["too heavy", "unreachable contact", "start in collision", "goal in an obstacle"],
+)
+def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(
+    fields, constraint, words, tmp_path, capsys
+) -> None:
+    code, answer, said = refused(changed(small(), **fields), tmp_path, capsys)
+    assert code == 1
+    assert answer["failure"]["constraint"] == constraint
+    assert answer["failure"]["remedy"]
+    lines = [line for line in said.splitlines() if "no plan" in line]
+    assert len(lines) == 1
+    assert words in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [("planner: {local: {atempts: 3}}", "planner.local.atempts"), ("planner: {samples: many}", "planner.samples")],
+)
+def test_bad_settings_are_named_with_exit_code_2(text: str, field: str, tmp_path, capsys) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(f"{dump(small())}{text}\n")
+    assert main(["plan", str(file), "-o", str(tmp_path / "plan.npz")]) == 2
+    said = capsys.readouterr().err
+    assert field in said
+    assert len(said.strip().splitlines()) == 1
