@@ -3,6 +3,8 @@
 Forward kinematics and Jacobian against MuJoCo stand in tests/planner/test_arrays.py.
 """
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
@@ -164,7 +166,7 @@ def test_limits_hold_and_are_reported() -> None:
         k, gap = rng.integers(6), rng.choice([0.0, 1e-3, 0.05])
         upper = chains.upper.copy()
         upper[k] = q[k] - gap  # the joint that the pose needs stops short of it
-        stopped = chains._replace(upper=upper)
+        stopped = dataclasses.replace(chains, upper=upper)
         R, p = place(chains, q)
         residual, inside, _ = solve(stopped, R[-1], p[-1], np.minimum(q - rng.uniform(0, 0.1, 6), upper))
         if gap == 0.0:
@@ -193,7 +195,7 @@ def test_a_redundant_chain_goes_round_a_limit() -> None:
         upper = chains.upper.copy()
         upper[2] = q[2] - 0.02  # the waist
         R, p = place(chains, q)
-        residual, _, _ = solve(chains._replace(upper=upper), R[-1], p[-1], np.minimum(q, upper))
+        residual, _, _ = solve(dataclasses.replace(chains, upper=upper), R[-1], p[-1], np.minimum(q, upper))
         assert residual < 1e-10
 
 

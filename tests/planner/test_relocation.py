@@ -138,20 +138,19 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
             continue
         bears = np.array([b != i for b in range(k)], np.uint8)
         score = np.zeros(len(scan.p_O))
-        scan_contacts(
-            a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margin, terms.outlook, work.lp, score
-        )
+        scan_contacts(a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margin, work.lp, score)
         truth = np.full(len(score), np.inf)
         others = [(b, state.p_OC[j + 1, b], state.n_O[j, 1, b]) for b in range(k) if b != i]
         for c in range(len(score)):
             if not candidate_free(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance):
+                score[c] = np.inf
                 continue
             here = (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])
             truth[c] = least_force(a, j, m, [*others, here], 1.0 - terms.margin)
-            if truth[c] < np.inf:
-                kept = outlook_of(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance)
-                truth[c] += terms.outlook * (1.0 - kept)
         np.testing.assert_allclose(score, truth, rtol=1e-6)
+        for c in np.flatnonzero(score < np.inf):
+            kept = outlook_of(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance)
+            score[c] += terms.outlook * (1.0 - kept)
         n_a = a.joints(i).stop - a.joints(i).start
         q = np.zeros((m + 1, n_a))
         reachable = [
