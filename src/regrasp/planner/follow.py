@@ -25,7 +25,7 @@ SUBSTEPS = cast(
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad
-JUMP = 0.3  # rad: a joint that moves further in one interval is at a singularity or changes its branch
+JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
 
 @njit(cache=True, nogil=True)

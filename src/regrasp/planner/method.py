@@ -29,7 +29,7 @@ class Settings:
 
     intervals: at most so many per arc (n of the paper). samples: steps in which an interval is computed.
     turn: rad, and travel: parts of the object's radius, that the object moves in one interval at most.
-    arcs: local planning runs before the whole is given up.
+    arcs: local planning runs before the whole is given up. patience: failures from one subgoal before all begins anew.
     time_limit: s, 0 for none. The annealing runs share what is left of it and cool by the clock, so that they are cold
     in time, and the best V so far counts; a run without a complete plan by then fails. Compilation counts too.
     """
@@ -38,7 +38,8 @@ class Settings:
     samples: int = 12
     turn: float = 0.06
     travel: float = 0.12
-    arcs: int = 12
+    arcs: int = 24
+    patience: int = 3
     time_limit: float = 0.0
     local: LocalPlanner = field(default_factory=LocalPlanner)
     route: GlobalPlanner = field(default_factory=GlobalPlanner)
@@ -166,7 +167,7 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     failure = check_ends(task)
     if failure:
         return Outcome(None, failure)
-    here, grasp = task.router.grid.start, None
+    here, grasp, stuck = task.router.grid.start, None, 0
     segments: list[Segment] = []
     subgoals: list[Pose] = [task.router.grid.start_pose]
     for attempt in range(settings.arcs):
@@ -184,10 +185,14 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
             grasp = grasp_or
         result = plan_pieces(task, pieces, grasp, len(segments), rng, report, clock, len(route) - 2)
         if isinstance(result, Failure):
-            failure = result
+            failure, stuck = result, stuck + 1
             task.router.failed(here, route[1])
+            if stuck == settings.patience:
+                # The grasp at hand leads nowhere: begin again with another one, and with what the arcs have taught.
+                here, grasp, stuck = task.router.grid.start, None, 0
+                segments, subgoals = [], [task.router.grid.start_pose]
             continue
-        planned, grasp = result
+        (planned, grasp), stuck = result, 0
         segments += planned
         subgoals += [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in planned]
         here = route[1]

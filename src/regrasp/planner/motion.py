@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 GRAZE = 5e-5  # m: a tip may come so far into the surface between two samples of its lift
 LIMIT = RANGE_MARGIN  # rad or m: a joint may use up the margin between two samples
+UNEVEN = 0.006  # rad: second difference of the samples above which their spline strays from the contact
 SAME = 1e-4  # rad: joints traced sample by sample and found in one step must agree, else there is a singularity between
 
 
@@ -183,6 +184,8 @@ def detail(
                     found.append(Violation("reach", j, names[i], "finds no free way to or from a contact"))
             joints[j, :, first:last] = q
             fine = between(q)
+            if bears[i] and np.max(np.abs(np.diff(q, 2, axis=0))) > UNEVEN:
+                found.append(Violation("reach", j, names[i], "comes too near to a singularity while in contact"))
             if np.any(fine < hand.chains.lower[first:last] - LIMIT) or np.any(
                 fine > hand.chains.upper[first:last] + LIMIT
             ):
