@@ -1,0 +1,35 @@
+"""Fig. 2: with a static surface that carries part of the load, one finger breaks contact and the remaining two hold on."""
+
+import numpy as np
+
+from regrasp.planner.local import ContactMotions, anneal, random_motions, terms_of
+from regrasp.planner.method import Settings, arc_path, first_grasp, prepare
+from regrasp.planner.motions import OFF
+from regrasp.planner.relocation import new_scan
+from regrasp.scene.load import load
+
+
+def test_one_finger_breaks_contact_and_two_hold_on_with_the_table() -> None:
+    """Some finger may retire half-way through a feasible motion, and the two others with the table still balance the ball."""
+    settings = Settings()
+    task = prepare(load("fig2-planar"), settings)
+    path = arc_path(task, task.router.grid.start, task.router.grid.goal)[0]
+    rng = np.random.default_rng(0)
+    grasp = first_grasp(task, path, rng)
+    terms, scan = terms_of(task.hand, settings.local), new_scan(task.hand, path, settings.local.relocation)
+    n, k = len(path.R_WO), len(task.names)
+
+    def problem(V: np.ndarray) -> ContactMotions:
+        return ContactMotions(task.hand, path, scan, terms, grasp, V)
+
+    V = anneal(problem(random_motions(n, k, rng)), settings.local.annealing, rng).best
+    violations, supported = [], []
+    for i in range(k):
+        retired = V.copy()
+        retired[n // 2 :, i] = OFF
+        state = problem(retired).current
+        violations.append(state.c.sum() + state.e.sum())
+        supported.append(state.holds[-1].sum() == k - 1)
+    assert min(violations) == 0
+    assert supported[int(np.argmin(violations))]
+    assert np.all(path.support_mode > 0)
