@@ -86,7 +86,8 @@ def hand_of(world: World) -> Hand:
     mass = float(model.body_mass[world.object_body])
     g = float(np.linalg.norm(model.opt.gravity))
     weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
-    axis = [R.T @ (p / np.linalg.norm(p)) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
+    # A tip on its last joint points nowhere: a zero axis asks the inverse kinematics for the position alone.
+    axis = [R.T @ p / (np.linalg.norm(p) or 1.0) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
     reach = [
         float(np.sum(np.linalg.norm(chains.p_PJ[chains.start[i] + 1 : chains.start[i + 1]], axis=1)))
         + float(np.linalg.norm(chains.p_PJ[chains.start[i]]))
