@@ -113,7 +113,7 @@ def _plan(arguments: list[str]) -> Answer:
     import tyro
 
     from regrasp.planner.method import Settings, plan_scene
-    from regrasp.planner.settings import read
+    from regrasp.settings import read
     from regrasp.scene.load import load
 
     def request(

@@ -223,6 +223,7 @@ class Scene(Strict):
     start: Start
     goal: Goal
     planner: dict[str, Any] = Field(default_factory=dict)
+    control: dict[str, Any] = Field(default_factory=dict)
 
     @property
     def agent_names(self) -> tuple[str, ...]:

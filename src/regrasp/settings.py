@@ -1,4 +1,4 @@
-"""Settings from plain data (a scene's `planner` section) as the frozen dataclasses they name."""
+"""Settings from plain data (a section of a scene file) as the frozen dataclasses they name."""
 
 import dataclasses
 import difflib

@@ -1,0 +1,84 @@
+"""The controller of a plan: row after row of the reference, corrected by what is seen of the object."""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.control import feedback as object_feedback
+from regrasp.control.feedback import Feedback, displacement, tip_shift
+from regrasp.control.impedance import Command, Impedance
+from regrasp.control.reference import Phases, Reference, solve_step
+from regrasp.scene.world import World
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Control:
+    """The `control` section of a scene file: how its robots are controlled."""
+
+    impedance: Impedance = field(default_factory=Impedance)
+    feedback: Feedback = field(default_factory=Feedback)
+    phases: Phases = field(default_factory=Phases)
+
+
+class Controller:
+    """Joint targets, rates and feed-forward torques for one period after the other.
+
+    It knows the robot's model, its joint sensors and, with `feedback`, a measured object pose now and then; the simulated
+    world it never sees.
+    """
+
+    def __init__(self, world: World, reference: Reference, feedback: Feedback | None) -> None:
+        self.world, self.reference, self.feedback = world, reference, feedback
+        self._model = world.model
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = world.start
+        self._addresses = np.concatenate([agent.qpos for agent in world.agents])
+        self._dofs = np.concatenate([agent.dofs for agent in world.agents])
+        self._joints = agent_joints(world)
+        self._damping = self._model.dof_damping[self._dofs]
+        self._state = object_feedback.init(len(world.agents))
+        self._correction = np.zeros(len(self._addresses))
+        self._J = np.zeros((6, self._model.nv))
+
+    def command(self, row: int, q: Array, qd: Array) -> Command:
+        """What the drives get for this row of the reference, with the joints at q (nq,), moving at qd."""
+        ref, model, data = self.reference, self._model, self._data
+        data.qpos[self._addresses] = q
+        data.qvel[self._dofs] = qd
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        torque = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 0, torque)
+        J = self._J
+        for i, agent in enumerate(self.world.agents):
+            if ref.bears[row, i]:
+                mujoco.mj_jac(model, data, J[:3], None, ref.p_WC[row, i], agent.tip_body)
+                torque[agent.dofs] += ref.force_W[row, i] @ J[:3, agent.dofs]
+        rate = ref.qd[row]
+        return Command(ref.q[row] + self._correction, rate, torque[self._dofs] + self._damping * rate)
+
+    def see(self, row: int, p_measured: Array, R_measured: Array) -> None:
+        """Take in a measured pose of the object; needs a `command` of about this row before it."""
+        ref = self.reference
+        assert self.feedback is not None
+        error = displacement(ref.p_WO[row], ref.R_WO[row], p_measured, R_measured)
+        carried = row >= ref.start
+        self._state = object_feedback.step(self.feedback, self._state, error, ref.bears[row], carried)
+        for i, agent in enumerate(self.world.agents):
+            place = self._data.geom_xpos[agent.tip_geom]
+            step = tip_shift(self._state.c + self._state.own[i], ref.p_WO[row], place)
+            J = self._J
+            mujoco.mj_jac(self._model, self._data, J[:3], J[3:], place, agent.tip_body)
+            radius = self._model.geom_rbound[agent.tip_geom]
+            self._correction[self._joints[i]] = solve_step(J[:, agent.dofs], step, radius)
+
+
+def agent_joints(world: World) -> tuple[slice, ...]:
+    """Each agent's columns among all agents' joints."""
+    ends = np.cumsum([len(agent.qpos) for agent in world.agents])
+    return tuple(slice(int(end) - len(agent.qpos), int(end)) for agent, end in zip(world.agents, ends, strict=True))

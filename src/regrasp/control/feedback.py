@@ -1,0 +1,85 @@
+"""Object feedback: the measured pose of the object corrects where the fingertips go.
+
+Two errors have two remedies. Fingers that hold the object carry it: a common rigid displacement c of their targets
+moves it back, and integrates the error, so that noise averages out. Fingers on their way to the object must meet it where it
+is: their targets move with the object, by its displacement e, smoothed.
+
+A displacement is a small rigid motion (shift of the object's origin, m; turn, rad), in W.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """Settings of the object feedback.
+
+    period: s, between measurements, as of a camera. rate: 1/s, of the integral correction. smoothing: s, time constant
+    with which fingers off the object follow its measured pose. reach: m, largest shift of the correction; its turn is
+    limited to `bend`, rad.
+    """
+
+    period: float = 0.01
+    rate: float = 3.0
+    smoothing: float = 0.1
+    reach: float = 0.015
+    bend: float = 0.35
+
+
+@dataclass(frozen=True)
+class State:
+    """c (6,): displacement of what the fingers hold. own (k, 6): what each finger adds. seen (6,): smoothed error."""
+
+    c: Array
+    own: Array
+    seen: Array
+
+
+def init(k: int) -> State:
+    """No correction yet, k agents."""
+    return State(np.zeros(6), np.zeros((k, 6)), np.zeros(6))
+
+
+def displacement(p_WO: Array, R_WO: Array, p_measured: Array, R_measured: Array) -> Array:
+    """The displacement (6,) from a planned to a measured pose; turns below 90°."""
+    E = R_measured @ R_WO.T
+    turn = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
+    return np.concatenate([p_measured - p_WO, turn])
+
+
+def step(settings: Feedback, state: State, error: Array, bears: NDArray[np.bool_], follows: bool) -> State:
+    """The state after a measurement with the given error (6,); follows: the object is carried, so c may move it."""
+    blend = min(1.0, settings.period / settings.smoothing)
+    seen = state.seen + blend * (error - state.seen)
+    c = state.c
+    if follows:
+        c = c - settings.rate * settings.period * error
+        for part, limit in ((slice(0, 3), settings.reach), (slice(3, 6), settings.bend)):
+            length = float(np.linalg.norm(c[part]))
+            if length > limit:
+                c = c.copy()
+                c[part] *= limit / length
+    # A finger off the object stands at c + own = seen; in contact its own part stays as it was at touch-down.
+    own = np.where(bears[:, None], state.own, seen - c)
+    return State(c, own, seen)
+
+
+def tip_shift(offset: Array, p_WO: Array, p_WT: Array) -> Array:
+    """The displacement (6,) of the object's origin as seen at a fingertip: its shift and turn."""
+    x, y, z = p_WT - p_WO
+    a, b, c = offset[3:]
+    return np.array(
+        [
+            offset[0] + b * z - c * y,
+            offset[1] + c * x - a * z,
+            offset[2] + a * y - b * x,
+            offset[3],
+            offset[4],
+            offset[5],
+        ]
+    )

@@ -1,0 +1,192 @@
+"""The plan as a table in time: what the controller follows, one row per control period.
+
+Before the plan's first instant the fingers come from a standoff along the contact normals and load up; after its last
+one they hold. Inside, joints and object follow the plan's splines (see `regrasp.plan`); forces are linear between samples.
+"""
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from regrasp.plan import Plan
+from regrasp.scene.world import World
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Phases:
+    """What is added to the plan's own time.
+
+    standoff: m, distance along the normal from which the fingers come. approach: s, until they touch. load: s, in which
+    the forces of the first instant build up. settle: s, held before the plan begins, and hold: after it has ended.
+    """
+
+    standoff: float = 0.008
+    approach: float = 0.4
+    load: float = 0.25
+    settle: float = 0.2
+    hold: float = 0.5
+
+
+@dataclass(frozen=True)
+class Reference:
+    """T rows, one per control period; k agents, nq joints (agent after agent).
+
+    period: s. touch, start, end: rows at which the approach ends, the plan begins and the plan ends. interval (T,): the
+    plan's, −1 before it. q, qd (T, nq): rad or m, and their rates. p_WO (T, 3), R_WO (T, 3, 3). bears (T, k): who is in
+    contact. force_W (T, k, 3): of the agents on the object, N. p_WC (T, k, 3): where they act.
+    """
+
+    period: float
+    touch: int
+    start: int
+    end: int
+    interval: NDArray[np.int64]
+    q: Array
+    qd: Array
+    p_WO: Array
+    R_WO: Array
+    bears: NDArray[np.bool_]
+    force_W: Array
+    p_WC: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def time(self, row: int) -> float:
+        """Time of a row on the plan's clock, s; negative before it begins."""
+        return (row - self.start) * self.period
+
+
+def reference(plan: Plan, world: World, period: float, phases: Phases) -> Reference:
+    """The table of a plan at the given control period, s."""
+    body = _sampled(plan, period)
+    count = len(body.q)
+    approach, load, settle, hold = (
+        max(1, round(seconds / period)) for seconds in (phases.approach, phases.load, phases.settle, phases.hold)
+    )
+    lead, tail = approach + load + settle, hold
+    rows = np.concatenate([np.zeros(lead, int), np.arange(count), np.full(tail, count - 1)])
+    q, qd = body.q[rows].copy(), body.qd[rows].copy()
+    q[:approach], qd[:approach] = _approach(plan, world, period, phases.standoff, approach)
+    qd[approach:lead], qd[lead + count :] = 0.0, 0.0
+    force, bears = body.force_W[rows].copy(), body.bears[rows].copy()
+    force[:approach], bears[:approach] = 0.0, False
+    force[approach : approach + load] *= ((np.arange(load) + 1) / load)[:, None, None]
+    interval = body.interval[rows].copy()
+    interval[:lead] = -1
+    return Reference(
+        period, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears, force,
+        body.p_WC[rows],
+    )  # fmt: skip
+
+
+def delayed(reference: Reference, joints: tuple[slice, ...], delay: float, rng: np.random.Generator) -> Reference:
+    """The table with the contact changes of every agent off their time by up to ±delay, s, uniformly, each on its own.
+
+    Between its changes of contact an agent's clock passes linearly from one error to the next; at both ends of the table
+    it is right. joints: each agent's columns of q.
+    """
+    T, k = reference.bears.shape
+    rows = np.arange(T)
+    out = replace(
+        reference, q=reference.q.copy(), qd=reference.qd.copy(), bears=reference.bears.copy(),
+        force_W=reference.force_W.copy(), p_WC=reference.p_WC.copy(),
+    )  # fmt: skip
+    for i in range(k):
+        changes = np.flatnonzero(np.diff(reference.bears[:, i])) + 1
+        errors = rng.uniform(-delay, delay, len(changes)) / reference.period
+        shift = np.interp(rows, np.concatenate([[0], changes, [T - 1]]), np.concatenate([[0.0], errors, [0.0]]))
+        source = np.clip(np.round(rows - shift).astype(int), 0, T - 1)
+        out.q[:, joints[i]], out.qd[:, joints[i]] = reference.q[source, joints[i]], reference.qd[source, joints[i]]
+        out.bears[:, i], out.force_W[:, i] = reference.bears[source, i], reference.force_W[source, i]
+        out.p_WC[:, i] = reference.p_WC[source, i]
+    return out
+
+
+def _sampled(plan: Plan, period: float) -> Reference:
+    """The plan alone, from its first to its last instant."""
+    N, M, k, _ = plan.p_OC_O.shape
+    begin, end = plan.time[0, 0], plan.time[-1, -1]
+    count = max(1, round((end - begin) / period)) + 1
+    t = np.linspace(begin, end, count)
+    interval = np.clip(np.searchsorted(plan.time[:, 0], t, side="right") - 1, 0, N - 1)
+    q, qd = np.empty((count, plan.joints.shape[2])), np.empty((count, plan.joints.shape[2]))
+    p_WO, R_WO = np.empty((count, 3)), np.empty((count, 3, 3))
+    force, p_WC = np.zeros((count, k, 3)), np.zeros((count, k, 3))
+    bears = np.isfinite(plan.p_OC_O[:, 0, :, 0])[interval]
+    for j in range(N):
+        rows = interval == j
+        if not rows.any():
+            continue
+        knots, at = plan.time[j], t[rows]
+        joints = CubicSpline(knots, plan.joints[j])
+        q[rows], qd[rows] = joints(at), joints(at, 1)
+        p_WO[rows] = CubicSpline(knots, plan.object_position[j])(at)
+        turns = Slerp(knots, Rotation.from_quat(plan.object_quaternion[j], scalar_first=True))
+        R_WO[rows] = turns(np.clip(at, knots[0], knots[-1])).as_matrix()
+        s = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, M - 2)
+        u = ((at - knots[s]) / (knots[s + 1] - knots[s]))[:, None, None]
+        force[rows] = (1 - u) * plan.force_W[j, s] + u * plan.force_W[j, s + 1]
+        p_OC = np.nan_to_num((1 - u) * plan.p_OC_O[j, s] + u * plan.p_OC_O[j, s + 1])
+        p_WC[rows] = p_WO[rows, None] + np.einsum("tab,tkb->tka", R_WO[rows], p_OC)
+    # The table's period is the controller's; the plan is stretched to a whole number of periods.
+    return Reference(period, 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, force, p_WC)
+
+
+def _approach(plan: Plan, world: World, period: float, standoff: float, rows: int) -> tuple[Array, Array]:
+    """Joints and their rates (rows, nq) from the standoff to the first contact, at rest at both ends."""
+    goal = plan.joints[0, 0]
+    begin = goal.copy()
+    R_WO = Rotation.from_quat(plan.object_quaternion[0, 0], scalar_first=True).as_matrix()
+    model = world.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = world.start
+    addresses = np.concatenate([agent.qpos for agent in world.agents])
+    first = 0
+    for i, agent in enumerate(world.agents):
+        mine = slice(first, first + len(agent.qpos))
+        first += len(agent.qpos)
+        if not np.isfinite(plan.n_O[0, 0, i]).all():
+            continue
+        data.qpos[addresses] = goal
+        step = np.concatenate([standoff * (R_WO @ plan.n_O[0, 0, i]), np.zeros(3)])
+        begin[mine] += moved_tip(model, data, world, i, step)
+    u = np.arange(rows)[:, None] / rows
+    way = goal - begin
+    return begin + (3 * u**2 - 2 * u**3) * way, 6 * u * (1 - u) * way / (rows * period)
+
+
+def moved_tip(model: mujoco.MjModel, data: mujoco.MjData, world: World, i: int, step: Array) -> Array:
+    """Joint change (n_a,) that moves agent i's tip by step (6,): shift m and small turn rad in W, at data.qpos.
+
+    Damped least squares. An agent of fewer than six joints keeps the shift and gives up of the turn what it must: turns
+    count with the tip's radius.
+    """
+    agent = world.agents[i]
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    J = np.empty((6, model.nv))
+    mujoco.mj_jac(model, data, J[:3], J[3:], data.geom_xpos[agent.tip_geom], agent.tip_body)
+    return solve_step(J[:, agent.dofs], step, model.geom_rbound[agent.tip_geom])
+
+
+DAMPING = 1e-4
+"""Of the least squares, relative to the largest squared lever."""
+
+
+def solve_step(J: Array, step: Array, radius: float) -> Array:
+    """argmin |J_v δq − δp|² + radius² w |J_ω δq − δθ|² + damping, w small for fewer than six joints; J (6, n)."""
+    weight = radius if J.shape[1] >= 6 else 0.1 * radius
+    A = J.copy()
+    A[3:] *= weight
+    b = step.copy()
+    b[3:] *= weight
+    H = A.T @ A
+    H[np.diag_indices_from(H)] += DAMPING * np.trace(H) / len(H)
+    return np.asarray(np.linalg.solve(H, A.T @ b))

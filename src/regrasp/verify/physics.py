@@ -1,0 +1,190 @@
+"""The world a plan is executed in: the plan's model with free object, drives in the joints and a fixture for the start.
+
+It may differ from the planned one, as the real one does.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from regrasp.control.impedance import Command, Gains
+from regrasp.errors import InputError
+from regrasp.scene.world import World
+
+Array = NDArray[np.float64]
+
+PERIOD = 0.002
+"""Of physics and controller, s."""
+FIXTURE = "start fixture"
+
+
+@dataclass(frozen=True)
+class Reality:
+    """How the world differs from the planned one.
+
+    friction (k + supports,): factors on the coefficients of tips and supports. mass: factor. shift (3,), m, and turn
+    (3,), rad, in W: of the object at the start. delay: s, bound of the contact changes' timing errors. noise: m and rad,
+    standard deviations of the measured object pose.
+    """
+
+    friction: Array
+    mass: float
+    shift: Array
+    turn: Array
+    delay: float
+    noise: tuple[float, float]
+
+
+def nominal(world: World) -> Reality:
+    """The world as planned."""
+    return Reality(
+        np.ones(len(world.agents) + len(world.support_geoms)), 1.0, np.zeros(3), np.zeros(3), 0.0, (0.0, 0.0)
+    )
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Affine actuators, one per agent joint: joint force = gain·ctrl + offset + stiff·q + damp·q̇, each (nq,), with ctrl
+    clipped to lower … upper. gains: K and D that the controller may count on; a servo's own where the model has one.
+    """
+
+    actuator: NDArray[np.int64]
+    gain: Array
+    offset: Array
+    stiff: Array
+    damp: Array
+    gains: Gains
+
+    def control(self, command: Command, q: Array, qd: Array) -> Array:
+        """ctrl (nq,) that makes the joints obey τ = K (q_d − q) + D (q̇_d − q̇) + τ_ff."""
+        K, D = self.gains.K, self.gains.D
+        torque = K * (command.q - q) + D * (command.qd - qd) + command.feedforward
+        return np.asarray((torque - self.offset - self.stiff * q - self.damp * qd) / self.gain)
+
+
+def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
+    """Gives every agent joint that has no actuator an impedance drive with the joint's force limit."""
+    model = world.model
+    driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
+    at = 0
+    for agent in world.agents:
+        for joint, limit in zip(agent.joints, agent.torque, strict=True):
+            if int(joint) not in driven:
+                actuator = spec.add_actuator(
+                    name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
+                    trntype=mujoco.mjtTrn.mjTRN_JOINT, gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                    biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+                )  # fmt: skip
+                actuator.gainprm[0] = wanted.K[at]
+                actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
+                if np.isfinite(limit):
+                    actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+                    actuator.forcerange = [-limit, limit]
+            at += 1
+
+
+def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
+    """The drives of a model in which every agent joint has its actuator."""
+    joints = np.concatenate([agent.joints for agent in world.agents])
+    at = []
+    for joint in joints:
+        found = np.flatnonzero(
+            (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
+        )
+        name = model.joint(int(joint)).name
+        if len(found) > 1:
+            raise InputError("model.actuator", f"{len(found)} actuators move joint {name!r}", "one drive per joint")
+        a = int(found[0])
+        plain = (
+            model.actuator_gaintype[a] == int(mujoco.mjtGain.mjGAIN_FIXED)
+            and model.actuator_biastype[a] in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+            and model.actuator_dyntype[a] == int(mujoco.mjtDyn.mjDYN_NONE)
+        )
+        if not plain or model.actuator_gainprm[a, 0] == 0.0:
+            raise InputError(
+                "model.actuator", f"the drive of joint {name!r} is not affine in its control",
+                "legal: motor, position and velocity actuators without dynamics",
+            )  # fmt: skip
+        at.append(a)
+    gear = model.actuator_gear[at, 0]
+    stiff, damp = gear**2 * model.actuator_biasprm[at, 1], gear**2 * model.actuator_biasprm[at, 2]
+    affine = model.actuator_biastype[at] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    stiff, damp = np.where(affine, stiff, 0.0), np.where(affine, damp, 0.0)
+    servo = stiff < 0.0
+    return Drives(
+        np.array(at), gear * model.actuator_gainprm[at, 0],
+        np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp,
+        Gains(np.where(servo, -stiff, wanted.K), np.where(servo, -damp, wanted.D)),
+    )  # fmt: skip
+
+
+class Physics:
+    """A MuJoCo world under way: `hold` the object, then step and `release`."""
+
+    def __init__(self, world: World, reality: Reality, wanted: Gains) -> None:
+        spec = mujoco.MjSpec.from_string(world.xml, assets=dict(world.assets))
+        spec.option.timestep = PERIOD
+        drive(world, spec, wanted)
+        weld = spec.add_equality(
+            name=FIXTURE, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="world", name2="object"
+        )
+        weld.solref = [2.0 * PERIOD, 1.0]
+        self.model = model = spec.compile()
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a reset would hide that numbers went bad
+        k = len(world.agents)
+        model.geom_friction[[agent.tip_geom for agent in world.agents], 0] *= reality.friction[:k]
+        model.geom_friction[world.support_geoms, 0] *= reality.friction[k:]
+        model.body_mass[world.object_body] *= reality.mass
+        model.body_inertia[world.object_body] *= reality.mass
+        self.data = data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, data)
+        self.drives = drives_of(world, model, wanted)
+        self._fixture = model.equality(FIXTURE).id
+        self.world = world
+        self._qpos = np.concatenate([agent.qpos for agent in world.agents])
+        self._dofs = np.concatenate([agent.dofs for agent in world.agents])
+        pose = world.scene.start.pose
+        turned = Rotation.from_rotvec(reality.turn) * Rotation.from_quat(pose.wxyz, scalar_first=True)
+        place = [*(np.array(pose.p) + reality.shift), *turned.as_quat(scalar_first=True)]
+        model.eq_data[self._fixture, :11] = [0.0, 0.0, 0.0, *place, 1.0]
+        data.qpos[:] = world.start
+        data.qpos[world.object_qpos : world.object_qpos + 7] = place
+
+    @property
+    def q(self) -> Array:
+        """Joints of the agents (nq,)."""
+        return np.asarray(self.data.qpos[self._qpos])
+
+    @property
+    def qd(self) -> Array:
+        """Rates of the agents' joints (nq,)."""
+        return np.asarray(self.data.qvel[self._dofs])
+
+    @property
+    def p_WO(self) -> Array:
+        """Position of the object (3,)."""
+        return np.asarray(self.data.qpos[self.world.object_qpos : self.world.object_qpos + 3]).copy()
+
+    @property
+    def R_WO(self) -> Array:
+        """Rotation of the object (3, 3)."""
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, self.data.qpos[self.world.object_qpos + 3 : self.world.object_qpos + 7])
+        return R.reshape(3, 3)
+
+    def place(self, q: Array) -> None:
+        """Set the agents' joints, at rest."""
+        self.data.qpos[self._qpos] = q
+        self.data.qvel[:] = 0.0
+
+    def release(self) -> None:
+        """Open the fixture that holds the object."""
+        self.data.eq_active[self._fixture] = 0
+
+    def step(self, command: Command) -> None:
+        """One period under the command."""
+        self.data.ctrl[self.drives.actuator] = self.drives.control(command, self.q, self.qd)
+        mujoco.mj_step(self.model, self.data)

@@ -1,0 +1,74 @@
+"""Perturbed trials: the plan executed in worlds that differ from the planned one within stated ranges."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from regrasp.plan import NONE, Plan
+from regrasp.scene.world import World
+from regrasp.verify.physics import Reality
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Ranges, ± uniform: friction and mass: parts of the planned value. position, m, and rotation, rad: of the object at
+    the start, along and about every axis in which the scene lets it move. timing: s, of each contact change.
+    Standard deviations of each measurement, per axis: noise_position, m, noise_rotation, rad.
+    """
+
+    friction: float = 0.2
+    mass: float = 0.2
+    position: float = 2e-3
+    rotation: float = math.radians(2.0)
+    timing: float = 0.02
+    noise_position: float = 1e-3
+    noise_rotation: float = math.radians(1.0)
+
+    def __post_init__(self) -> None:
+        for name, high in (("friction", 1.0), ("mass", 1.0)):
+            if not 0.0 <= getattr(self, name) < high:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 to {high:g}")
+        for name in ("position", "rotation", "timing", "noise_position", "noise_rotation"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+
+
+def draw(plan: Plan, world: World, ranges: Perturbation, rng: np.random.Generator) -> Reality:
+    """A world within the ranges. Every tip and support has its own friction."""
+    freedoms = world.scene.freedoms
+    free = np.array([axis in freedoms for axis in ("x", "y", "z", "rx", "ry", "rz")], dtype=float)
+    shift = rng.uniform(-ranges.position, ranges.position, 3) * free[:3]
+    turn = rng.uniform(-ranges.rotation, ranges.rotation, 3) * free[3:]
+    shift, turn = on_supports(plan, shift, turn)
+    surfaces = len(world.agents) + len(world.support_geoms)
+    return Reality(
+        friction=rng.uniform(1.0 - ranges.friction, 1.0 + ranges.friction, surfaces),
+        mass=float(rng.uniform(1.0 - ranges.mass, 1.0 + ranges.mass)),
+        shift=shift,
+        turn=turn,
+        delay=ranges.timing,
+        noise=(ranges.noise_position, ranges.noise_rotation),
+    )
+
+
+def on_supports(plan: Plan, shift: Array, turn: Array) -> tuple[Array, Array]:
+    """The part of a displacement that an object standing on supports can have: along them, and about their normals
+    where more than one point touches; a single point lets it roll about itself."""
+    standing = plan.support_mode[0] != NONE
+    normals = plan.support_n_W[0, 0, standing]
+    for n in normals:
+        shift = shift - (shift @ n) * n
+    if len(normals) > 1:
+        turn = (turn @ normals[0]) * normals[0]
+    return shift, turn
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """Wilson's score interval of a success rate (E. B. Wilson 1927), 95 %."""
+    interval = binomtest(successes, trials).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)
