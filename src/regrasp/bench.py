@@ -23,10 +23,10 @@ from regrasp.planner.motions import MOTION_COUNT
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import new_scan
-from regrasp.settings import read
 from regrasp.scene.load import builtin, load
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import anneal
+from regrasp.settings import read
 from regrasp.verify.check import check
 
 PAPER_SECONDS = 3600.0

@@ -113,8 +113,8 @@ def _plan(arguments: list[str]) -> Answer:
     import tyro
 
     from regrasp.planner.method import Settings, plan_scene
-    from regrasp.settings import read
     from regrasp.scene.load import load
+    from regrasp.settings import read
 
     def request(
         scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")],
