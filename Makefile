@@ -44,7 +44,7 @@ compile: $(COMPILED)
 $(COMPILED): $(READY) $(KERNELS)
 	@echo "== compiling the kernels (2 to 4 minutes; once, and after an edit of them)"
 	@find src -name '*.nb[ic]' -delete
-	@$(BIN)/python -c 'from regrasp import bench; bench.compile_kernels()'
+	@$(BIN)/python -c 'from regrasp.bench.kernels import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(COMPILED)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from regrasp import bench
+from regrasp.bench import scenes as benched
+from regrasp.bench import searches as bench
 from regrasp.planner.outcome import Failure, Outcome
 
 
@@ -51,13 +52,13 @@ def test_nine_of_ten_certified_plans_pass(planned, passed, home_plan, monkeypatc
     plan = home_plan("fig3-puma3")
     failure = Failure("equilibrium", "segment 1", "object", "no contact forces hold it", "more friction")
     certificate = type("Certificate", (), {"refusals": ()})
-    monkeypatch.setattr(bench, "builtin", lambda: {"fig3-puma3": ""})
-    monkeypatch.setattr(bench, "compile_kernels", lambda: 0.0)
-    monkeypatch.setattr(bench, "check", lambda _: certificate)
+    monkeypatch.setattr(benched, "builtin", lambda: {"fig3-puma3": ""})
+    monkeypatch.setattr(benched, "compile_kernels", lambda: 0.0)
+    monkeypatch.setattr(benched, "check", lambda _: certificate)
     monkeypatch.setattr(
-        bench, "plan_scene", lambda _, seed, __: Outcome(plan, None) if seed < planned else Outcome(None, failure)
+        benched, "plan_scene", lambda _, seed, __: Outcome(plan, None) if seed < planned else Outcome(None, failure)
     )
-    answer = bench.scenes(seeds=10)
+    answer = benched.scenes(seeds=10)
     row = answer["scenes"][0]
     assert answer["passed"] is passed
     assert (row["planned"], row["certified"], row["intervals"]) == (planned, planned, len(plan.V))
@@ -67,8 +68,8 @@ def test_nine_of_ten_certified_plans_pass(planned, passed, home_plan, monkeypatc
 
 
 def test_a_refused_plan_is_not_certified(home_plan, monkeypatch):
-    monkeypatch.setattr(bench, "plan_scene", lambda *_: Outcome(home_plan("fig3-puma3"), None))
+    monkeypatch.setattr(benched, "plan_scene", lambda *_: Outcome(home_plan("fig3-puma3"), None))
     # Standing fingers hold no moving object: `check` refuses, and says why.
-    row = bench.scene_row("fig3-puma3", 2)
+    row = benched.scene_row("fig3-puma3", 2)
     assert (row["planned"], row["certified"]) == (2, 0)
     assert all("refused" in reason for reason in row["reasons"])

@@ -7,6 +7,7 @@ input, told in one line; 130 interrupted. Heavy libraries are imported by the co
 import contextlib
 import dataclasses
 import difflib
+import importlib
 import io
 import json
 import os
@@ -193,6 +194,66 @@ def _check(arguments: list[str]) -> Answer:
     return (DONE if certificate.passed else REFUSED), {"plan": str(path), **certificate.to_dict()}
 
 
+def _replay(arguments: list[str]) -> Answer:
+    import tyro
+
+    from regrasp.control.controller import Control
+    from regrasp.plan import load
+    from regrasp.verify.replay import control_of, replay
+    from regrasp.verify.trials import Perturbation
+
+    def request(
+        plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")],
+        control: Control,
+        perturbation: Perturbation,
+        trials: int = 0,
+        seed: int = 0,
+        cores: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")] = None,
+        output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None,
+    ) -> tuple[Path, Control, Perturbation, int, int, int | None, Path | None]:
+        """Read the command line.
+
+        Args:
+            plan: Plan file, as `regrasp plan` writes it.
+            control: How the robots are controlled; replaces what the scene says.
+            perturbation: Ranges of the perturbed trials.
+            trials: Perturbed executions in each mode.
+            seed: Seed of the trials; the result does not depend on the number of cores.
+            cores: Processes that share the trials.
+            output: Picture (.png) or clip (.gif) of the execution with object feedback to write.
+        """
+        return plan, control, perturbation, trials, seed, cores, output
+
+    def parse(control: Control) -> tuple[Path, Control, Perturbation, int, int, int | None, Path | None]:
+        request.__defaults__ = (control, Perturbation(), 0, 0, None, None)
+        return _parse(request, "replay", arguments)
+
+    # The scene's settings are the defaults of the flags, so the plan is read first.
+    path, *_ = parse(Control())
+    found = load(path)
+    _, control, ranges, trials, seed, cores, output = parse(control_of(found))
+    for name, value in (("--trials", trials), ("--cores", 1 if cores is None else cores - 1)):
+        if value < 0:
+            raise InputError(
+                name, f"is {value + (name == '--cores')}", "0 or more" if name == "--trials" else "1 or more"
+            )
+    if output is not None:
+        if output.suffix.lower() not in (".png", ".gif"):
+            raise InputError("--output", f"{output} is neither .png nor .gif", "a picture or a clip")
+        _writable(output)
+    result = replay(found, trials, seed, control, ranges, cores)
+    answer = {"plan": str(path), **result.to_dict()}
+    if output is not None:
+        from regrasp.view import film
+
+        film.write(found, result.nominal[-1].run, output)
+        answer["picture"] = str(output)
+    for each in result.nominal:
+        if not each.passed:
+            _say(f"{path}: {each.mode}: {each.failure or 'reaches the goal, but leaves the tube on its way'}")
+    return (DONE if result.passed else REFUSED), answer
+
+
 def _scenes(arguments: list[str]) -> Answer:
     def request() -> None:
         """Read the command line."""
@@ -234,17 +295,21 @@ def _render(arguments: list[str]) -> Answer:
     return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
 
 
+BENCHES = {"paper": "searches", "minima": "searches", "scenes": "scenes", "replays": "replays"}
+"""Benchmark → the module of `regrasp.bench` that has it."""
+
+
 def _bench(arguments: list[str]) -> Answer:
     import tyro
 
     def request(
-        name: Annotated[Literal["paper", "minima", "scenes"], tyro.conf.Positional], seeds: int = 10
+        name: Annotated[Literal["paper", "minima", "scenes", "replays"], tyro.conf.Positional], seeds: int = 10
     ) -> tuple[str, int]:
         """Read the command line.
 
         Args:
             name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5).
-                scenes: every built-in scene, planned and checked.
+                scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
             seeds: How many seeds are run.
         """
         return name, seeds
@@ -252,9 +317,8 @@ def _bench(arguments: list[str]) -> Answer:
     name, seeds = _parse(request, "bench", arguments)
     if seeds < 1:
         raise InputError("--seeds", f"is {seeds}", "1 or more")
-    from regrasp import bench
-
-    answer = getattr(bench, name)(seeds=seeds)
+    module = importlib.import_module(f"regrasp.bench.{BENCHES[name]}")
+    answer = getattr(module, name)(seeds=seeds)
     return (DONE if answer.get("passed", True) else REFUSED), {"bench": name, **answer}
 
 
@@ -277,8 +341,9 @@ def _writable(path: Path) -> None:
 COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str, Any]], None]]] = {
     "plan": ("Plan a scene: contact motions, joint trajectories and forces, from start to goal.", _plan, answers.plan),
     "check": ("Re-check a plan independently of the planner: the certificate.", _check, answers.certificate),
+    "replay": ("Execute a plan in physics, as planned and in perturbed trials.", _replay, answers.replay),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
-    "bench": ("Measure the method: paper, minima, scenes.", _bench, _nothing),
+    "bench": ("Measure the method: paper, minima, scenes, replays.", _bench, _nothing),
 }
 """Name → what it does, what runs it, what shows its answer."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from regrasp.bench import SingleEntries, job
+from regrasp.bench.searches import SingleEntries, job
 from regrasp.planner.local import Change, terms_of
 from regrasp.planner.motions import MOTION_COUNT
 from regrasp.planner.relocation import new_scan

@@ -15,6 +15,9 @@ from regrasp.scene.world import World
 Array = NDArray[np.float64]
 
 
+NO_TORQUE = np.zeros(3)
+
+
 @dataclass(frozen=True)
 class Control:
     """The `control` section of a scene file: how its robots are controlled."""
@@ -54,11 +57,10 @@ class Controller:
         mujoco.mj_comVel(model, data)
         torque = np.empty(model.nv)
         mujoco.mj_rne(model, data, 0, torque)
-        J = self._J
+        force, where = ref.force_W[row], ref.p_WC[row]
         for i, agent in enumerate(self.world.agents):
             if ref.bears[row, i]:
-                mujoco.mj_jac(model, data, J[:3], None, ref.p_WC[row, i], agent.tip_body)
-                torque[agent.dofs] += ref.force_W[row, i] @ J[:3, agent.dofs]
+                mujoco.mj_applyFT(model, data, force[i], NO_TORQUE, where[i], agent.tip_body, torque)  # += Jᵀ f
         rate = ref.qd[row]
         return Command(ref.q[row] + self._correction, rate, torque[self._dofs] + self._damping * rate)
 

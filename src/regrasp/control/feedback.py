@@ -24,7 +24,7 @@ class Feedback:
     limited to `bend`, rad.
     """
 
-    period: float = 0.01
+    period: float = 0.02
     rate: float = 3.0
     smoothing: float = 0.1
     reach: float = 0.015

@@ -188,5 +188,5 @@ def solve_step(J: Array, step: Array, radius: float) -> Array:
     b = step.copy()
     b[3:] *= weight
     H = A.T @ A
-    H[np.diag_indices_from(H)] += DAMPING * np.trace(H) / len(H)
+    H.flat[:: len(H) + 1] += DAMPING * H.trace() / len(H)
     return np.asarray(np.linalg.solve(H, A.T @ b))

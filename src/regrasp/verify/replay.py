@@ -132,6 +132,7 @@ class Replay:
         runs = []
         for each in self.nominal:
             row = {key: value for key, value in vars(each).items() if key not in ("run", "failure")}
+            row |= {key: [_finite(x) for x in row[key]] for key in ("final", "largest")}
             runs.append(row | {"failure": asdict(each.failure) if each.failure else None})
         return {
             "scene": self.scene,
@@ -143,9 +144,9 @@ class Replay:
 
 def replay(
     plan: Plan, trials: int = 0, seed: int = 0, control: Control | None = None, ranges: Perturbation | None = None,
-    cores: int | None = None,
+    cores: int | None = None, trial_modes: tuple[str, ...] = MODES,
 ) -> Replay:  # fmt: skip
-    """Execute a plan in both modes, and `trials` times in each in worlds drawn with `seed` from the given ranges.
+    """Execute a plan in both modes, and `trials` times in each of `trial_modes` in worlds drawn with `seed` from `ranges`.
 
     control: by default what the plan's scene says. Raises InputError if the stored model cannot be built or driven.
     """
@@ -153,7 +154,7 @@ def replay(
     ranges = Perturbation() if ranges is None else ranges
     runs = tuple(bench.nominal(mode) for mode in MODES)
     all_trials = []
-    for mode in MODES if trials else ():
+    for mode in trial_modes if trials else ():
         done = _pooled(plan, bench.control, ranges, mode, seed, trials, cores or os.cpu_count() or 1)
         all_trials.append(Trials(mode, bench.tolerance(TRIAL_TOLERANCE), done))
     return Replay(str(plan.scene.get("name", "")), runs, tuple(all_trials))

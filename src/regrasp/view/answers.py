@@ -1,5 +1,6 @@
 """The answers of the command line's commands as text on stdout, for people."""
 
+import math
 from typing import Any
 
 JSON = "--json: print one JSON object on stdout instead of text."
@@ -33,9 +34,57 @@ def certificate(answer: dict[str, Any]) -> None:
         place += [f"interval {finding['interval']}"] if finding["interval"] is not None else []
         value = "not a number" if finding["value"] is None else f"{finding['value']:.3g}"
         allowed = f"{finding['tolerance']:.3g} {finding['unit']}".rstrip()
-        mark = "[green]✓[/]" if finding["passed"] else "[bold red]✗[/]"
-        table.add_row(mark, f"{finding['name']}: {finding['text']}", value, allowed, ", ".join(place))
+        table.add_row(
+            _mark(finding["passed"]), f"{finding['name']}: {finding['text']}", value, allowed, ", ".join(place)
+        )
     Console().print(table)
+
+
+def replay(answer: dict[str, Any]) -> None:
+    """Both modes as planned, and the perturbed trials, as tables."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    title = f"{answer['plan']}: {'executed' if answer['passed'] else 'failed'}"
+    table = Table(title=title, title_justify="left")
+    for heading in ("", "as planned", "at goal", "on the way", "slip", "force", "correlation", "speed"):
+        table.add_column(heading, justify="left" if heading in ("", "as planned") else "right")
+    for row in answer["nominal"]:
+        table.add_row(
+            _mark(row["passed"]), row["mode"], _errors(row["final"]), _errors(row["largest"]),
+            f"{1e3 * row['slip']:.2f} mm", f"{row['force']:.2f} N",
+            "-" if row["correlation"] is None else f"{row['correlation']:.3f}", f"{row['speed']:.0f}×",
+        )  # fmt: skip
+    console.print(table)
+    if not answer["trials"]:
+        return
+    table = Table(title="perturbed trials", title_justify="left")
+    for heading in ("", "mode", "at goal", "95 % interval", "median", "worst", "drops", "slip", "force"):
+        table.add_column(heading, justify="left" if heading in ("", "mode") else "right")
+    for row in answer["trials"]:
+        low, high = row["wilson"]
+        table.add_row(
+            _mark(row["passed"]), row["mode"], f"{row['successes']} of {row['trials']}",
+            f"{100 * low:.0f} to {100 * high:.0f} %", _errors(row["median_error"]), _errors(row["worst_error"]),
+            str(row["drops"]), f"{1e3 * row['largest_slip']:.1f} mm", f"{row['largest_force']:.1f} N",
+        )  # fmt: skip
+    console.print(table)
+    for row in answer["trials"]:
+        for failure in row["failures"]:
+            who = f"{failure['who']} " if failure["who"] else ""
+            place = f"interval {failure['interval']}, t = {failure['time']:.2f} s"
+            print(f"{row['mode']}, trial {failure['trial']}: {place}: {who}{failure['why']}")
+
+
+def _mark(passed: bool) -> str:
+    return "[green]✓[/]" if passed else "[bold red]✗[/]"
+
+
+def _errors(error: list[float | None]) -> str:
+    """m and rad in words."""
+    shift, turn = error
+    return "lost" if shift is None or turn is None else f"{1e3 * shift:.2f} mm {math.degrees(turn):.2f}°"
 
 
 def scenes(answer: dict[str, Any]) -> None:

@@ -1,9 +1,8 @@
-"""What is measured: the paper's own job and the local minima of its energy (§5), and every built-in scene."""
+"""The paper's own job, timed, and the local minima of its energy (§5)."""
 
 import dataclasses
 import math
 import statistics
-import sys
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -13,21 +12,20 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import wilcoxon
 
+from regrasp.bench.kernels import compile_kernels, say
 from regrasp.errors import RegraspError
-from regrasp.plan import RELOCATE
 from regrasp.planner.grasp import Grasp
 from regrasp.planner.local import Change, Codes, ContactMotions, random_motions, terms_of
-from regrasp.planner.method import Settings, Task, arc_path, first_grasp, plan_scene, prepare
+from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import MOTION_COUNT
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import new_scan
-from regrasp.scene.load import builtin, load
+from regrasp.scene.load import load
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import anneal
 from regrasp.settings import read
-from regrasp.verify.check import check
 
 PAPER_SECONDS = 3600.0
 """§5: "computing 30 subintervals on a PC with 4000 SA iterations takes one hour"."""
@@ -110,20 +108,6 @@ def search(job: Job, V: Codes, annealing: Annealing, seed: int, moves: type[Cont
     trials = annealing.trials if annealing.acceptance > 0.0 else 0
     evaluations = len(result.energies) - 1 + trials
     return Run(seconds, processor, evaluations, before, result.best_energy, result.best, not motion.violations)
-
-
-def compile_kernels() -> float:
-    """Plan every built-in scene with next to no iterations, so that nothing is left to compile; s it took."""
-    say("compiling the kernels (minutes the first time, then they are kept beside the sources)")
-    started = time.perf_counter()
-    for name in builtin():
-        scene = load(name)
-        settings = read(Settings, scene.planner)
-        local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
-        plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local))
-    seconds = time.perf_counter() - started
-    say(f"compiled or loaded in {seconds:.1f} s")
-    return seconds
 
 
 def paper(seeds: int) -> dict[str, Any]:
@@ -236,67 +220,3 @@ def distribution(runs: list[Run]) -> dict[str, Any]:
         "greatest": max(energies),
         "feasible": sum(run.feasible for run in runs),
     }
-
-
-def scenes(seeds: int) -> dict[str, Any]:
-    """Every built-in scene with seeds 0 … seeds − 1 and default settings, planned and checked.
-
-    Passed if at least 9 of 10 are certified on each.
-    """
-    compile_kernels()
-    rows = [scene_row(name, seeds) for name in builtin()]
-    title = f"built-in scenes, {seeds} seeds, default settings"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("scene", "planned", "certified", "median s", "worst s", "intervals", "relocations"):
-        table.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(
-            row["scene"], str(row["planned"]), str(row["certified"]), f"{row['seconds']:.2f}",
-            f"{row['slowest_seconds']:.2f}", *("-" if row[key] is None else f"{row[key]:g}" for key in COUNTS),
-        )  # fmt: skip
-    console = Console()
-    console.print(table)
-    for row in rows:
-        for reason in row["reasons"]:
-            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
-    return {"passed": all(10 * row["certified"] >= 9 * seeds for row in rows), "seeds": seeds, "scenes": rows}
-
-
-COUNTS = ("intervals", "relocations")
-"""Medians over the plans found."""
-
-
-def scene_row(name: str, seeds: int) -> dict[str, Any]:
-    """One built-in scene: how many seeds are planned and certified, how fast, and why the others are not."""
-    scene = load(name)
-    settings = read(Settings, scene.planner)
-    seconds, plans, certified, reasons = [], [], 0, []
-    for seed in range(seeds):
-        started = time.perf_counter()
-        outcome = plan_scene(scene, seed, settings)
-        seconds.append(time.perf_counter() - started)
-        if outcome.plan is None:
-            reason = f"no plan: {outcome.failure}"
-        else:
-            plans.append(outcome.plan)
-            refusals = check(outcome.plan).refusals
-            reason = "; ".join(f"refused: {finding}" for finding in refusals)
-        certified += not reason
-        say(f"{name}, seed {seed}: {reason or 'certified'}, {seconds[-1]:.2f} s")
-        if reason:
-            reasons.append(f"seed {seed}: {reason}")
-    counts = ([len(plan.V) for plan in plans], [int(np.sum(plan.V == RELOCATE)) for plan in plans])
-    return {
-        "scene": name,
-        "planned": len(plans),
-        "certified": certified,
-        "seconds": statistics.median(seconds),
-        "slowest_seconds": max(seconds),
-        **{key: statistics.median(each) if plans else None for key, each in zip(COUNTS, counts, strict=True)},
-        "reasons": reasons,
-    }
-
-
-def say(line: str) -> None:
-    """Tell how far the work is, on stderr."""
-    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,29 @@
+"""Compiling ahead, so that no measurement holds a compilation; telling how far the work is."""
+
+import dataclasses
+import sys
+import time
+
+from regrasp.planner.method import Settings, plan_scene
+from regrasp.scene.load import builtin, load
+from regrasp.search.annealing import Settings as Annealing
+from regrasp.settings import read
+
+
+def compile_kernels() -> float:
+    """Plan every built-in scene with next to no iterations, so that nothing is left to compile; s it took."""
+    say("compiling the kernels (minutes the first time, then they are kept beside the sources)")
+    started = time.perf_counter()
+    for name in builtin():
+        scene = load(name)
+        settings = read(Settings, scene.planner)
+        local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
+        plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local))
+    seconds = time.perf_counter() - started
+    say(f"compiled or loaded in {seconds:.1f} s")
+    return seconds
+
+
+def say(line: str) -> None:
+    """Tell how far the work is, on stderr."""
+    print(line, file=sys.stderr, flush=True)

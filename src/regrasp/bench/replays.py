@@ -1,0 +1,136 @@
+"""Plans of every built-in scene, executed in physics: as planned, and in perturbed trials with object feedback."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from regrasp.bench.kernels import compile_kernels, say
+from regrasp.planner.method import Settings, plan_scene
+from regrasp.scene.load import builtin, load
+from regrasp.settings import read
+from regrasp.verify.replay import MODES, RATE, Nominal, Trial, replay
+from regrasp.verify.trials import wilson
+
+TRIALS = 100
+"""Perturbed executions of a scene, shared out evenly over its plans."""
+OPEN_RATE = 0.95
+"""Part of the plans that must reach the goal open loop; with feedback all must."""
+
+
+def replays(seeds: int) -> dict[str, Any]:
+    """Every built-in scene with seeds 0 … seeds − 1 and default settings: planned, executed, tried TRIALS times.
+
+    A seed without a plan counts as a failure. Passed if open loop reaches the goal in 95 %, feedback in all, and 95 % of
+    the perturbed trials with feedback.
+    """
+    compile_kernels()
+    rows = [scene_row(name, seeds, -(-TRIALS // seeds)) for name in builtin()]
+    table = Table(title=f"replay, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("scene", "mode", "at goal", "worst mm", "worst °", "tube mm", "tube °", "correlation", "speed"):
+        table.add_column(heading, justify="left" if heading in ("scene", "mode") else "right", no_wrap=True)
+    for row in rows:
+        for mode in MODES:
+            each = row[mode]
+            table.add_row(
+                row["scene"], mode, f"{each['passed']}/{seeds}", *(_number(each[key]) for key in FIGURES),
+            )  # fmt: skip
+    tried = Table(title="perturbed trials with feedback", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in (
+        "scene",
+        "trials",
+        "at goal",
+        "95 % from",
+        "to",
+        "median mm",
+        "median °",
+        "drops",
+        "slip mm",
+        "force N",
+    ):
+        tried.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
+    for row in rows:
+        each = row["trials"]
+        low, high = each["wilson"]
+        tried.add_row(
+            row["scene"], str(each["trials"]), str(each["successes"]), f"{low:.2f}", f"{high:.2f}",
+            *(_number(each[key]) for key in ("median_mm", "median_degrees")), str(each["drops"]),
+            *(_number(each[key]) for key in ("largest_slip_mm", "largest_force")),
+        )  # fmt: skip
+    console = Console()
+    console.print(table)
+    console.print(tried)
+    for row in rows:
+        for reason in row["reasons"]:
+            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
+    return {"passed": all(row["passed"] for row in rows), "seeds": seeds, "scenes": rows}
+
+
+FIGURES = ("worst_mm", "worst_degrees", "tube_mm", "tube_degrees", "correlation", "speed")
+
+
+def scene_row(name: str, seeds: int, share: int) -> dict[str, Any]:
+    """One built-in scene: its plans as planned in both modes, and `share` perturbed trials of each."""
+    scene = load(name)
+    settings = read(Settings, scene.planner)
+    runs: dict[str, list[Nominal]] = {mode: [] for mode in MODES}
+    trials: list[Trial] = []
+    reasons, lost = [], 0
+    for seed in range(seeds):
+        outcome = plan_scene(scene, seed, settings)
+        if outcome.plan is None:
+            reasons.append(f"seed {seed}: no plan: {outcome.failure}")
+            lost += share
+            continue
+        found = replay(outcome.plan, trials=share, seed=seed, trial_modes=("feedback",))
+        for each in found.nominal:
+            runs[each.mode].append(each)
+            if not each.passed:
+                reasons.append(f"seed {seed}, {each.mode}: {each.failure or 'leaves the tube'}")
+        done = found.trials[0].trials
+        trials += done
+        reasons += [f"seed {seed}, trial {n}: {trial.failure}" for n, trial in enumerate(done) if trial.failure]
+        good = " ".join(f"{each.mode} {'reached' if each.passed else 'MISSED'}" for each in found.nominal)
+        say(f"{name}, seed {seed}: {good}, {found.trials[0].successes} of {share} trials")
+    successes, count = sum(trial.failure is None for trial in trials), len(trials) + lost
+    tried = {"trials": count, "successes": successes, "wilson": wilson(successes, count), **_trial_figures(trials)}
+    modes = {mode: _figures(runs[mode]) for mode in MODES}
+    passed = (
+        modes["open"]["passed"] >= OPEN_RATE * seeds
+        and modes["feedback"]["passed"] == seeds
+        and successes >= RATE * count
+    )
+    return {"scene": name, "passed": passed, **modes, "trials": tried, "reasons": reasons}
+
+
+def _figures(runs: list[Nominal]) -> dict[str, Any]:
+    if not runs:
+        return {"passed": 0, **dict.fromkeys(FIGURES)}
+    final, tube = np.array([each.final for each in runs]), np.array([each.largest for each in runs])
+    return {
+        "passed": sum(each.passed for each in runs),
+        "worst_mm": 1e3 * final[:, 0].max(),
+        "worst_degrees": np.degrees(final[:, 1].max()),
+        "tube_mm": 1e3 * tube[:, 0].max(),
+        "tube_degrees": np.degrees(tube[:, 1].max()),
+        "correlation": min((each.correlation for each in runs if each.correlation is not None), default=None),
+        "speed": float(np.median([each.speed for each in runs])),
+    }
+
+
+def _trial_figures(trials: list[Trial]) -> dict[str, Any]:
+    if not trials:
+        return dict.fromkeys(("median_mm", "median_degrees", "largest_slip_mm", "largest_force")) | {"drops": 0}
+    final = np.median([trial.final for trial in trials], axis=0)
+    return {
+        "median_mm": 1e3 * final[0],
+        "median_degrees": np.degrees(final[1]),
+        "drops": sum(trial.dropped for trial in trials),
+        "largest_slip_mm": 1e3 * max(trial.slip for trial in trials),
+        "largest_force": max(trial.force for trial in trials),
+    }
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
