@@ -145,7 +145,11 @@ def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:
             "model.file", "the model has equality constraints", "agents are open chains of hinges and slides"
         )
     moving = _chain_joints(robot, scene)
-    for kind in (robot.keys, robot.sensors, robot.actuators, robot.tendons):
+    names = {joint.name for joint in moving}
+    for actuator in list(robot.actuators):  # the agents' own drives stay: `replay` moves them by these
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or actuator.target not in names:
+            robot.delete(actuator)
+    for kind in (robot.keys, robot.sensors, robot.tendons):
         for element in list(kind):
             robot.delete(element)
     for joint in list(robot.joints):  # a joint of no agent stays where it is
