@@ -113,7 +113,10 @@ class Rows:
 
 
 def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothness: float) -> Array | None:
-    """The forces at the nodes, in the basis (B, C, 3), or None where there are none."""
+    """The forces at the nodes, in the basis (B, C, 3), or None where there are none.
+
+    Whether what it returns is exact enough is for the caller to say.
+    """
     bears = nodes.free[..., 0]
     count = int(np.sum(nodes.free))
     column = np.where(nodes.free, np.cumsum(nodes.free).reshape(nodes.free.shape) - 1, -1)
@@ -129,7 +132,7 @@ def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothne
     quadratic = sparse.triu(objective(nodes, column, width, smoothness), format="csc")
     side = np.concatenate(rows.sides)
     answer = clarabel.DefaultSolver(quadratic, linear, rows.matrix(width), side, rows.cones, options).solve()
-    if answer.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+    if answer.status in (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible):
         return None
     x = np.append(np.asarray(answer.x), 0.0)
     return np.where(nodes.free, x[column], 0.0)

@@ -22,8 +22,10 @@ from regrasp.planner.outcome import Failure
 
 Array = NDArray[np.float64]
 
-WITHIN = 2e-7
-"""Weights by which a force may pass its cone and limits, for round-off of the program."""
+WITHIN = 5e-7
+"""Weights by which a force may pass its cone and limits, for round-off of the program; half of what `check` allows."""
+BALANCED = 1e-8
+"""Wrench residual, in weights, above which forces do not hold the object."""
 SINGULAR = 1e-7
 """Singular value of the grasp map, relative to the largest, below which a direction can't be corrected."""
 
@@ -105,8 +107,10 @@ def forces(contacts: Contacts, margin: float, settings: Loads) -> Array | Failur
         # they are in between two that hold, and the object stands still.
         wrong = (excess(contacts, f) > WITHIN) & contacts.moves & ~dense
         if not np.any(wrong):
-            return f
+            break
         dense |= wrong
+    sound = np.all(excess(contacts, f) <= WITHIN) and np.all(np.abs(residual(contacts, f)) <= BALANCED)
+    return f if sound else failure(contacts, nodes, margin, settings)
 
 
 def least_grip(contacts: Contacts, f: Array) -> tuple[float, tuple[int, int]]:
