@@ -30,7 +30,7 @@ def unit(v: Array) -> Array:
 
 
 def course_of(V: list[list[int]], support: list[int], segment: list[int], twist: float = 0.01) -> Course:
-    """A ball that rises and turns while four contacts creep along it; agent 3 stands elsewhere from interval 3 on.
+    """A ball that rises and turns while four contacts creep along it; agent 3, if ever away, stands elsewhere after interval 2.
 
     twist: rad by which the contact frames jump from one interval to the next, as those of real courses do.
     """
@@ -39,7 +39,8 @@ def course_of(V: list[list[int]], support: list[int], segment: list[int], twist:
     t = (np.arange(N)[:, None] + np.linspace(0.0, 1.0, M))[..., None]
     R = Rotation.from_rotvec((t * [0.05, -0.03, 0.08]).reshape(-1, 3)).as_matrix().reshape(N, M, 3, 3)
     angle = 2.0 * np.pi * np.arange(k) / k + 0.06 * t
-    angle[3:, :, 3] += 0.4
+    if np.any(codes[:, 3] >= RELOCATE):
+        angle[3:, :, 3] += 0.4
     n = np.stack([np.cos(angle), np.sin(angle), 0.15 * np.sin(2.0 * angle) - 0.1 + 0.0 * angle], axis=-1)
     n = unit(n)
     x = unit(np.cross([0.0, 0.0, 1.0], n))
@@ -290,6 +291,18 @@ def test_where_interpolated_forces_pass_the_cone_the_program_has_every_sample() 
     f = forces(contacts, 0.0, Loads())
     assert excess(contacts, f).max() <= WITHIN
     assert np.abs(residual(contacts, f)).max() < 1e-9
+
+
+def test_a_course_that_jumps_is_refused() -> None:
+    """One contact of an interval is elsewhere than it was: no force at the instant between balances on both sides."""
+    course = course_of([[STAY] * 4] * 4, [NONE] * 4, [0] * 4)
+    contacts = contacts_of(course, HAND, np.array([0.5]), GRAVITY)
+    moved = contacts.p_W.copy(), contacts.inward_W.copy()
+    for array in moved:
+        array[2, :, 3] = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ array[2, 0, 3]
+    found = forces(replace(contacts, p_W=moved[0], inward_W=moved[1]), MARGIN, Loads())
+    assert isinstance(found, Failure)
+    assert found.where == "the whole way"
 
 
 def test_what_no_forces_hold_is_said_with_its_place() -> None:

@@ -128,7 +128,7 @@ def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothne
     rows = constraints(contacts, nodes, margin, grip, column, short, lack)
     options = clarabel.DefaultSettings()
     options.verbose = False
-    options.max_threads = 1
+    options.direct_solve_method = "qdldl"  # one thread: the same forces on every machine
     quadratic = sparse.triu(objective(nodes, column, width, smoothness), format="csc")
     side = np.concatenate(rows.sides)
     answer = clarabel.DefaultSolver(quadratic, linear, rows.matrix(width), side, rows.cones, options).solve()
