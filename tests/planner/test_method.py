@@ -13,8 +13,10 @@ from scipy.spatial.transform import Rotation
 from regrasp.cli import main
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
+from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.outcome import Failure
 from regrasp.scene.load import dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing
@@ -53,6 +55,23 @@ def test_a_built_in_scene_proves_itself(name: str) -> None:
     assert outcome.plan is not None, str(outcome.failure)
     certificate = check(outcome.plan)
     assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+def test_a_grip_beyond_the_limits_is_remarked_and_the_plan_holds(plan: Plan) -> None:
+    outcome = plan_scene(small(), 0, dataclasses.replace(QUICK, loads=Loads(grip=1e3)))
+    assert outcome.plan is not None, str(outcome.failure)
+    assert check(outcome.plan).passed
+    assert any("planner.loads.grip" in remark and "segment 1" in remark for remark in outcome.plan.remarks)
+    assert not plan.remarks
+    np.testing.assert_array_equal(outcome.plan.V, plan.V)
+
+
+def test_forces_that_are_not_found_are_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = Failure("equilibrium", "segment 1, interval 2 of 3", "object", "no contact forces hold the object", "")
+    monkeypatch.setattr("regrasp.planner.assemble.forces", lambda *_: said)
+    outcome = plan_scene(small(), 0, QUICK)
+    assert outcome.plan is None
+    assert outcome.failure == said
 
 
 def test_every_interval_lasts_as_long_as_it_must_and_no_longer(plan: Plan) -> None:

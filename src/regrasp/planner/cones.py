@@ -26,9 +26,9 @@ class Nodes:
     """Instants at which the program has forces: B of them, in time order, and the contacts there.
 
     of (N, M): the node of each sample, −1 for none; two intervals share the node between them. source (B, 2): interval and
-    sample that a node's contacts are taken from. ray (B, C): the contact has
-    one direction. basis (B, C, 3, 3): orthonormal columns that span a contact's forces; free (B, C, 3): which columns count.
-    inward, p (B, C, 3). gap (B − 1,): intervals from each node to the next; span (B,): intervals that a node stands for.
+    sample that a node's contacts are taken from. ray (B, C): the contact has one direction. basis (B, C, 3, 3): orthonormal
+    columns that span a contact's forces; free (B, C, 3): which columns count. inward, p (B, C, 3). gap (B − 1,): intervals
+    from each node to the next; span (B,): intervals that a node stands for.
     """
 
     of: Ints
