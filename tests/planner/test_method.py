@@ -11,10 +11,12 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from regrasp.cli import main
-from regrasp.plan import Plan
+from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
+from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.outcome import Failure
 from regrasp.scene.load import dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing
@@ -55,22 +57,44 @@ def test_a_built_in_scene_proves_itself(name: str) -> None:
     assert certificate.passed, [str(finding) for finding in certificate.refusals]
 
 
-def test_no_joint_exceeds_its_speed(plan: Plan) -> None:
-    """Half of each joint's limit along the spline, and the object's speed; no interval shorter than allowed."""
-    timing = QUICK.timing
-    speeds = np.concatenate([agent.speed for agent in arc("fig3-puma3").task.world.agents])
+def test_a_grip_beyond_the_limits_is_remarked_and_the_plan_holds(plan: Plan) -> None:
+    outcome = plan_scene(small(), 0, dataclasses.replace(QUICK, loads=Loads(grip=1e3)))
+    assert outcome.plan is not None, str(outcome.failure)
+    assert check(outcome.plan).passed
+    assert any("planner.loads.grip" in remark and "segment 1" in remark for remark in outcome.plan.remarks)
+    assert not plan.remarks
+    np.testing.assert_array_equal(outcome.plan.V, plan.V)
+
+
+def test_forces_that_are_not_found_are_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = Failure("equilibrium", "segment 1, interval 2 of 3", "object", "no contact forces hold the object", "")
+    monkeypatch.setattr("regrasp.planner.assemble.forces", lambda *_: said)
+    outcome = plan_scene(small(), 0, QUICK)
+    assert outcome.plan is None
+    assert outcome.failure == said
+
+
+def test_every_interval_lasts_as_long_as_it_must_and_no_longer(plan: Plan) -> None:
+    """A part of each joint's limit along the spline, the object's speed, the rate of the forces, the least durations."""
+    timing, task = QUICK.timing, arc("fig3-puma3").task
+    speeds = np.concatenate([agent.speed for agent in task.world.agents])
+    owner = np.repeat(np.arange(len(plan.agent_names)), [len(agent.qpos) for agent in task.world.agents])
     lasts = plan.time[:, -1] - plan.time[:, 0]
-    assert np.all(lasts >= timing.shortest - 1e-12)
     np.testing.assert_array_equal(plan.time[1:, 0], plan.time[:-1, -1])
-    limiting = 0.0
     for j, t in enumerate(plan.time):
         rate = CubicSpline(t, plan.joints[j])(np.linspace(t[0], t[-1], 400), 1)
-        # The duration looks at five points between samples; the peak between two of these is hardly higher.
-        assert np.all(np.abs(rate) <= 1.01 * timing.speed * speeds)
+        free = np.any(np.ptp(plan.joints[j], axis=0)[plan.V[j, owner] >= RELOCATE] > 0.0)
+        joints = np.max(np.abs(rate) / speeds) / (timing.free_speed if free else timing.speed)
         way = np.linalg.norm(np.diff(plan.object_position[j], axis=0), axis=1).sum()
-        assert way / lasts[j] <= timing.object_speed * (1 + 1e-9)
-        limiting = max(limiting, np.max(np.abs(rate) / speeds) / timing.speed, way / lasts[j] / timing.object_speed)
-    assert limiting > 0.99 or np.isclose(lasts.min(), timing.shortest)
+        turn = Rotation.from_quat(plan.object_quaternion[j], scalar_first=True)
+        angle = (turn[:-1].inv() * turn[1:]).magnitude().sum()
+        surface = (way + task.hand.radius * angle) / lasts[j] / timing.object_speed
+        change = np.linalg.norm(np.diff(plan.force_W[j], axis=0), axis=-1).max() / (t[1] - t[0]) / task.hand.weight
+        still = np.ptp(plan.joints[j], axis=0).max() == 0.0
+        least = (timing.settle if still else timing.shortest) / lasts[j]
+        limits = [joints, surface, change / timing.force_rate, least]
+        # The duration looks at five points between samples; the peak between two of these is hardly higher.
+        assert 0.99 < max(limits) < 1.01, (j, limits)
 
 
 def test_quaternions_are_unit_and_never_jump(plan: Plan) -> None:

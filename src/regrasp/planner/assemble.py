@@ -1,4 +1,4 @@
-"""From motions to a plan: arcs joined, times laid on, everything a reader needs put beside it."""
+"""From motions to a plan: arcs joined, hand-overs, forces and times laid on, all that a reader needs put beside it."""
 
 import dataclasses
 import importlib.metadata
@@ -8,29 +8,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from regrasp import __version__
 from regrasp.plan import Plan
+from regrasp.planner.contacts import Contacts, contacts_of
+from regrasp.planner.course import joined, with_hand_overs
+from regrasp.planner.hand import Hand
+from regrasp.planner.loads import Loads, forces, least_grip, place
 from regrasp.planner.motion import Motion
+from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.supports import Support
+from regrasp.planner.timing import Timing, durations
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Durations of intervals; quasi-static motion may be stretched at will (DESIGN: time).
-
-    speed: part of each joint's speed limit that is used. shortest: of any interval, s. object_speed: m/s.
-    """
-
-    speed: float = 0.5
-    shortest: float = 0.05
-    object_speed: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,83 +42,55 @@ def quaternions(R: Array) -> Array:
     return np.asarray(q.reshape(*R.shape[:-2], 4))
 
 
-def durations(joints: Array, p_WO: Array, speeds: Array, timing: Timing) -> Array:
-    """Duration of each interval (n,), s, from the joints' speed limits along their splines and the object's speed."""
-    samples = joints.shape[1]
-    s = np.linspace(0.0, 1.0, samples)
-    fine = np.linspace(0.0, 1.0, 5 * (samples - 1) + 1)
-    out = np.empty(len(joints))
-    for j, q in enumerate(joints):
-        rate = np.max(np.abs(CubicSpline(s, q)(fine, 1)) / (timing.speed * speeds))
-        way = np.sum(np.linalg.norm(np.diff(p_WO[j], axis=0), axis=1)) / timing.object_speed
-        out[j] = max(rate, way, timing.shortest)
-    return out
-
-
 def pose_row(pose: Pose) -> Array:
     """Position and quaternion of a pose, (7,)."""
     return np.concatenate([pose[1], Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)])
 
 
-def support_slots(motion: Motion, supports: tuple[Support, ...], P: int, first: Array) -> dict[str, Any]:
-    """A motion's support arrays spread over the plan's P slots; slots of support a begin at first[a]."""
-    n, samples = motion.path.R_WO.shape[:2]
-    out: dict[str, Any] = {
-        "support_mode": np.zeros((n, P), np.int8),
-        "support_p_O": np.zeros((n, samples, P, 3)),
-        "support_n_W": np.zeros((n, samples, P, 3)),
-        "support_force_W": np.zeros((n, samples, P, 3)),
-    }
-    for a, support in enumerate(supports):
-        out["support_n_W"][:, :, int(first[a]) : int(first[a + 1])] = support.n_W
-    used = np.zeros(len(supports), int)
-    for column, a in enumerate(motion.path.support_of):
-        slot = int(first[a]) + used[a]
-        used[a] += 1
-        out["support_mode"][:, slot] = motion.path.support_mode[:, column]
-        out["support_p_O"][:, :, slot] = motion.path.support_p_O[:, :, column]
-        out["support_force_W"][:, :, slot] = motion.support_force_W[:, :, column]
-    return out
-
-
 def assemble(
-    world: World, segments: list[Segment], subgoals: list[Pose], supports: tuple[Support, ...], timing: Timing,
-    seed: int, settings: Any, remarks: tuple[str, ...],
-) -> Plan:  # fmt: skip
-    """The plan of consecutive segments along the subgoals (one more than segments)."""
+    world: World, hand: Hand, segments: list[Segment], subgoals: list[Pose], supports: tuple[Support, ...],
+    margin: float, loads: Loads, timing: Timing, seed: int, settings: Any,
+) -> Plan | Failure:  # fmt: skip
+    """The plan of consecutive segments along the subgoals (one more than segments), or why no forces carry it.
+
+    margin: part of μ that rolling and resting contacts leave unused.
+    """
     motions = [segment.motion for segment in segments]
+    joint, support_names = joined(motions, supports)
+    course = with_hand_overs(joint)
+    mu = {support.name: support.mu for support in supports}
+    contacts = contacts_of(course, hand, np.array([mu[name] for name in support_names]), np.array(world.scene.gravity))
+    f = forces(contacts, margin, loads)
+    if isinstance(f, Failure):
+        return f
+    k, names = len(world.agents), tuple(agent.name for agent in world.agents)
+    owner = np.repeat(np.arange(k), [len(agent.qpos) for agent in world.agents])
     speeds = np.concatenate([agent.speed for agent in world.agents])
-    per_support = [
-        max((int(np.sum(motion.path.support_of == a)) for motion in motions), default=0) for a in range(len(supports))
-    ]
-    first = np.cumsum([0, *per_support])
-    slots = [support_slots(motion, supports, int(first[-1]), first) for motion in motions]
-    R = np.concatenate([motion.path.R_WO for motion in motions])
-    p = np.concatenate([motion.path.p_WO for motion in motions])
-    joints = np.concatenate([motion.joints for motion in motions])
-    ends = np.cumsum(durations(joints, p, speeds, timing))
+    ends = np.cumsum(durations(course, f[:, :, :k], owner, speeds, hand.radius, timing))
     begins = np.concatenate([[0.0], ends[:-1]])
-    u = np.linspace(0.0, 1.0, R.shape[1])
-    time = begins[:, None] * (1.0 - u) + ends[:, None] * u
+    u = np.linspace(0.0, 1.0, f.shape[1])
     model = world.model
     return Plan(
-        time=time,
-        object_position=p,
-        object_quaternion=quaternions(R),
-        joints=joints,
-        V=np.concatenate([motion.V for motion in motions]),
-        twist=np.concatenate([motion.twist for motion in motions]),
-        p_OC_O=np.concatenate([motion.p_OC_O for motion in motions]),
-        n_O=np.concatenate([motion.n_O for motion in motions]),
-        x_O=np.concatenate([motion.x_O for motion in motions]),
-        force_W=np.concatenate([motion.force_W for motion in motions]),
-        **{name: np.concatenate([slot[name] for slot in slots]) for name in slots[0]},
-        segment=np.concatenate([np.full(len(motion.V), a, np.int64) for a, motion in enumerate(motions)]),
+        time=begins[:, None] * (1.0 - u) + ends[:, None] * u,
+        object_position=course.object_position,
+        object_quaternion=quaternions(course.object_rotation),
+        joints=course.joints,
+        V=course.V,
+        twist=course.twist,
+        p_OC_O=course.p_OC_O,
+        n_O=course.n_O,
+        x_O=course.x_O,
+        force_W=hand.weight * f[:, :, :k],
+        support_mode=course.support_mode,
+        support_p_O=course.support_p_O,
+        support_n_W=course.support_n_W,
+        support_force_W=hand.weight * f[:, :, k:],
+        segment=course.segment,
         route=np.array([pose_row(pose) for pose in subgoals]),
         energy=np.concatenate([segment.energy for segment in segments]),
         energy_segment=np.concatenate([np.full(len(s.energy), a, np.int64) for a, s in enumerate(segments)]),
-        support_names=tuple(support.name for a, support in enumerate(supports) for _ in range(per_support[a])),
-        agent_names=tuple(agent.name for agent in world.agents),
+        support_names=support_names,
+        agent_names=names,
         joint_names=tuple(model.joint(int(j)).name for agent in world.agents for j in agent.joints),
         scene=world.scene.model_dump(mode="json"),
         xml=world.xml,
@@ -134,13 +99,23 @@ def assemble(
         settings=dataclasses.asdict(settings),
         versions=versions(),
         feasible=all(not motion.violations for motion in motions),
-        remarks=remarks,
+        remarks=remarks(contacts, f, loads.grip, names),
     )
+
+
+def remarks(contacts: Contacts, f: Array, grip: float, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the plan's user should know: which agent presses least, if equilibrium and friction forbid the wanted grip."""
+    normal, where = least_grip(contacts, f)
+    if normal >= (1.0 - 1e-3) * grip:
+        return ()
+    j, i = where
+    said = f"{names[i]} presses with only {normal:.2g} weights in {place(contacts, j)} (planner.loads.grip is {grip:g})"
+    return (said,)
 
 
 def versions() -> dict[str, str]:
     """Versions of what made a plan."""
-    names = ("mujoco", "numba", "numpy", "scipy")
+    names = ("clarabel", "mujoco", "numba", "numpy", "scipy")
     return {
         "regrasp": __version__,
         "python": platform.python_version(),

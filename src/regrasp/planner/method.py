@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.planner.assemble import Segment, Timing, assemble
+from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.grasp import Grasp, GraspSearch, find_grasp, given_grasp
 from regrasp.planner.hand import Hand, hand_of
+from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report
 from regrasp.planner.path import Path, Pose, distance, nominal_path
@@ -17,6 +18,7 @@ from regrasp.planner.poses import Node, PoseGrid
 from regrasp.planner.relocation import new_scan
 from regrasp.planner.route import GlobalPlanner, Router
 from regrasp.planner.supports import Support, supports_of
+from regrasp.planner.timing import Timing
 from regrasp.scene.schema import Scene
 from regrasp.scene.world import World, build
 
@@ -44,6 +46,7 @@ class Settings:
     local: LocalPlanner = field(default_factory=LocalPlanner)
     route: GlobalPlanner = field(default_factory=GlobalPlanner)
     grasp: GraspSearch = field(default_factory=GraspSearch)
+    loads: Loads = field(default_factory=Loads)
     timing: Timing = field(default_factory=Timing)
 
     def __post_init__(self) -> None:
@@ -197,6 +200,9 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
         subgoals += [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in planned]
         here = route[1]
         if here == task.router.grid.goal:
-            plan = assemble(task.world, segments, subgoals, task.supports, settings.timing, seed, settings, ())
-            return Outcome(plan, None)
+            plan = assemble(
+                task.world, task.hand, segments, subgoals, task.supports, settings.local.energy.friction_margin,
+                settings.loads, settings.timing, seed, settings,
+            )  # fmt: skip
+            return Outcome(None, plan) if isinstance(plan, Failure) else Outcome(plan, None)
     return Outcome(None, out_of_time(settings.time_limit, len(segments), failure) if clock.up() else failure)

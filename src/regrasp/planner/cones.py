@@ -1,0 +1,190 @@
+"""The cone program of the plan's forces, at the instants (nodes) between intervals and, where asked for, within them."""
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from regrasp.plan import NONE, SLIDE
+from regrasp.planner.contacts import Contacts, bases, wrenches
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PENALTY = 1e3
+"""P: large enough that a contact presses less than `grip` only where it must."""
+JOIN = 100.0
+"""Weight, in ω, of a change that has no time: where a sliding contact's direction jumps from one interval to the next."""
+SAME = 1e-6
+"""Directions of sliding that differ by less are one."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Instants at which the program has forces: B of them, in time order, and the contacts there.
+
+    of (N, M): the node of each sample, −1 for none; two intervals share the node between them. source (B, 2): interval and
+    sample that a node's contacts are taken from. ray (B, C): the contact has one direction. basis (B, C, 3, 3): orthonormal
+    columns that span a contact's forces; free (B, C, 3): which columns count. inward, p (B, C, 3). gap (B − 1,): intervals
+    from each node to the next; span (B,): intervals that a node stands for.
+    """
+
+    of: Ints
+    source: Ints
+    ray: NDArray[np.bool_]
+    basis: Array
+    free: NDArray[np.bool_]
+    inward: Array
+    p: Array
+    gap: Array
+    span: Array
+
+
+def nodes_of(contacts: Contacts, margin: float, dense: NDArray[np.bool_]) -> Nodes:
+    """The nodes: the ends of all intervals, and every sample of the dense ones."""
+    N, M, _ = contacts.p_W.shape[:3]
+    ray, basis, free = bases(contacts, margin)
+    at = np.zeros((N, M), bool)
+    at[:, [0, -1]] = True
+    at[dense] = True
+    # The end of an interval and the beginning of the next are one node, unless a contact slides in two directions there.
+    slides = contacts.mode == SLIDE
+    jump = np.linalg.norm(contacts.slip_W[1:, 0] - contacts.slip_W[:-1, -1], axis=-1) > SAME
+    split = np.any(slides[1:] & slides[:-1] & jump, axis=1)
+    opens = at.copy()
+    opens[1:, 0] = split
+    of = np.where(at, np.cumsum(opens).reshape(N, M) - 1, -1)
+    of[1:, 0] = np.where(split, of[1:, 0], of[:-1, -1])
+    # A shared node takes its contacts from the interval in which something moves: there they slide, if at all.
+    source = np.zeros((int(of.max()) + 1, 2), np.int64)
+    for still in (True, False):
+        j, s = np.nonzero(at & (contacts.moves != still)[:, None])
+        source[of[j, s]] = np.stack([j, s], axis=1)
+    j, s = source.T
+    bears = np.ones((len(source), contacts.mode.shape[1]), bool)
+    np.logical_and.at(bears, of[at], np.repeat((contacts.mode != NONE)[:, None], M, axis=1)[at])
+    time = (np.arange(N)[:, None] + np.linspace(0.0, 1.0, M))[j, s]
+    gap = np.maximum(np.diff(time), 0.0)
+    span = 0.5 * (np.append(gap, 0.0) + np.append(0.0, gap))
+    return Nodes(
+        of,
+        source,
+        ray[j, s],
+        basis[j, s],
+        free[j, s] & bears[..., None],
+        contacts.inward_W[j, s],
+        contacts.p_W[j, s],
+        gap,
+        span,
+    )
+
+
+def tangents(n: Array) -> Array:
+    """(…, 2, 3): two unit vectors across each unit normal and each other."""
+    x = np.cross(n, np.eye(3)[np.argmin(np.abs(n), axis=-1)])
+    x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
+    return np.stack([x, np.cross(n, x)], axis=-2)
+
+
+class Rows:
+    """Constraints A x + s = b, s in cones, block by block."""
+
+    def __init__(self) -> None:
+        self.entries: list[tuple[Array, Ints, Ints]] = []
+        self.sides: list[Array] = []
+        self.cones: list[object] = []
+        self.count = 0
+
+    def add(self, values: Array, row: Ints, column: Ints, side: Array, cones: list[object]) -> None:
+        """Entries of A, rows counted from the block's first (both broadcast to the values), unless column is −1."""
+        row, column = np.broadcast_to(row, values.shape), np.broadcast_to(column, values.shape)
+        used = (column >= 0) & (values != 0.0)
+        self.entries.append((values[used], row[used] + self.count, column[used]))
+        self.sides.append(side)
+        self.count += len(side)
+        self.cones += cones
+
+    def matrix(self, width: int) -> sparse.csc_matrix:
+        """A."""
+        values, row, column = (np.concatenate(part) for part in zip(*self.entries, strict=True))
+        return sparse.csc_matrix((values, (row, column)), (self.count, width))
+
+
+def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothness: float) -> Array | None:
+    """The forces at the nodes, in the basis (B, C, 3), or None where there are none.
+
+    Whether what it returns is exact enough is for the caller to say.
+    """
+    bears = nodes.free[..., 0]
+    count = int(np.sum(nodes.free))
+    column = np.where(nodes.free, np.cumsum(nodes.free).reshape(nodes.free.shape) - 1, -1)
+    short = bears & contacts.grips & (grip > 0.0)  # contacts with an unknown for what they lack of the grip
+    lack = count + np.cumsum(short).reshape(short.shape) - 1
+    width = count + int(np.sum(short))
+    linear = np.zeros(width)
+    linear[count:] = PENALTY
+    rows = constraints(contacts, nodes, margin, grip, column, short, lack)
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.direct_solve_method = "qdldl"  # one thread: the same forces on every machine
+    quadratic = sparse.triu(objective(nodes, column, width, smoothness), format="csc")
+    side = np.concatenate(rows.sides)
+    answer = clarabel.DefaultSolver(quadratic, linear, rows.matrix(width), side, rows.cones, options).solve()
+    if answer.status in (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible):
+        return None
+    x = np.append(np.asarray(answer.x), 0.0)
+    return np.where(nodes.free, x[column], 0.0)
+
+
+def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> sparse.csc_matrix:
+    """The matrix P of ½ xᵀ P x = Σ |f|² + ω Σ |Δf|², both as integrals over the intervals by the trapezoidal rule."""
+    B, C = nodes.free.shape[:2]
+    b, c, e = np.nonzero(nodes.free)
+    rows = 3 * (b * C + c)[:, None] + np.arange(3)
+    place = (rows.ravel(), np.repeat(column[b, c, e], 3))
+    in_W = sparse.csc_matrix((nodes.basis[b, c, :, e].ravel(), place), (3 * B * C, width))
+    weight = np.where(nodes.gap > 0.0, 1.0 / np.maximum(nodes.gap, 1e-12), JOIN)
+    step = sparse.csr_array(np.diff(np.eye(B), axis=0))
+    chain = sparse.diags_array(nodes.span) + smoothness * (step.T * weight) @ step
+    return sparse.csc_matrix(2.0 * (in_W.T @ sparse.kron(chain, sparse.eye_array(3 * C)) @ in_W))
+
+
+def constraints(
+    contacts: Contacts, nodes: Nodes, margin: float, grip: float, column: Ints, short: NDArray[np.bool_], lack: Ints
+) -> Rows:
+    """Equilibrium, limits, grip and friction at every node, in the unknowns `column` of forces and `lack` of the grip."""
+    bears = nodes.free[..., 0]
+    normal = np.einsum("bca,bcae->bce", nodes.inward, nodes.basis)
+    rows = Rows()
+
+    B = len(nodes.free)
+    six = 6 * np.arange(B)[:, None, None, None] + np.arange(6)[:, None]
+    side = np.tile(np.append(contacts.load_W, np.zeros(3)), B)
+    rows.add(wrenches(nodes.p, nodes.basis), six, column[:, :, None], side, [clarabel.ZeroConeT(6 * B)])
+
+    def bound(at: NDArray[np.bool_], sign: float, side: Array | float) -> None:
+        """sign · f_n ≤ side, or, where the contact has an unknown for what it lacks, sign · f_n − lack ≤ side."""
+        b, c = np.nonzero(at)
+        values, columns = sign * normal[b, c], column[b, c]
+        if at is short:
+            values = np.column_stack([values, -np.ones(len(b))])
+            columns = np.column_stack([columns, lack[b, c]])
+        cones = [clarabel.NonnegativeConeT(len(b))] if len(b) else []
+        rows.add(values, np.arange(len(b))[:, None], columns, np.broadcast_to(side, contacts.cap.shape)[c], cones)
+
+    bound(bears & nodes.ray, -1.0, 0.0)
+    bound(bears & np.isfinite(contacts.cap), 1.0, contacts.cap)
+    bound(short, -1.0, -grip)
+    lacks = lack[short]
+    cones = [clarabel.NonnegativeConeT(len(lacks))] if len(lacks) else []
+    rows.add(-np.ones(len(lacks)), np.arange(len(lacks)), lacks, np.zeros(len(lacks)), cones)
+
+    # The cones of contacts that rest or roll; their basis is the axes of W.
+    b, c = np.nonzero(bears & ~nodes.ray)
+    n = nodes.inward[b, c]
+    cone = np.concatenate([((1.0 - margin) * contacts.mu[c])[:, None, None] * n[:, None], tangents(n)], axis=1)
+    three = 3 * np.arange(len(b))[:, None, None] + np.arange(3)[:, None]
+    rows.add(-cone, three, column[b, c][:, None], np.zeros(3 * len(b)), [clarabel.SecondOrderConeT(3)] * len(b))
+    return rows

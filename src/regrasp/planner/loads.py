@@ -1,0 +1,122 @@
+"""The plan's contact forces: one convex program for the whole plan instead of a linear one per sample.
+
+The forces of the search (paper §3) are vertices of linear programs: least in sum, but they jump in time and leave contacts
+without load. A plan's forces are to be carried out, so they are small, evenly shared and smooth,
+
+  min Σ |f_i|² + ω Σ |Δf_i|² + P Σ (grip − f_n,i)₊
+
+over all instants and contacts, Δ from one instant to the next, subject to G f + w = 0, |f_t| ≤ (1 − margin) μ f_n where a
+contact rests or rolls, f = f_n (−n + μ v̂) where it slides, f_n ≤ f_max. Units: the object's weight; torques over its radius.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.plan import NONE
+from regrasp.planner.cones import Nodes, nodes_of, solve
+from regrasp.planner.contacts import Contacts, bases, excess, residual, wrenches
+from regrasp.planner.outcome import Failure
+
+Array = NDArray[np.float64]
+
+WITHIN = 5e-7
+"""Weights by which a force may pass its cone and limits, for round-off of the program; half of what `check` allows."""
+BALANCED = 1e-8
+"""Wrench residual, in weights, above which forces do not hold the object."""
+SINGULAR = 1e-7
+"""Singular value of the grasp map, relative to the largest, below which a direction can't be corrected."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Settings of the plan's forces.
+
+    grip: least normal force of an agent in contact, in weights; kept wherever equilibrium, friction and limits allow.
+    smoothness ω: weight of the changes of the forces from interval to interval against their size.
+    """
+
+    grip: float = 0.1
+    smoothness: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("grip", "smoothness"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+
+
+def between(contacts: Contacts, nodes: Nodes, at_nodes: Array, margin: float) -> Array:
+    """Forces (N, M, C, 3) at all samples: linear between the nodes, then changed least so that they balance exactly."""
+    N, M, C = contacts.p_W.shape[:3]
+    ray, basis, free = bases(contacts, margin)
+    in_W = np.einsum("bcae,bce->bca", nodes.basis, at_nodes)
+    # At a node the columns are the node's: a contact that bears only after it has none there.
+    known = nodes.of >= 0
+    free[known] &= nodes.free[nodes.of[known]].any(axis=-1, keepdims=True)
+    f = np.zeros((N, M, C, 3))
+    for j in range(N):
+        s = np.flatnonzero(known[j])
+        right = np.clip(np.searchsorted(s, np.arange(M)), 1, len(s) - 1)
+        u = ((np.arange(M) - s[right - 1]) / (s[right] - s[right - 1]))[:, None, None]
+        a, b = nodes.of[j, s[right - 1]], nodes.of[j, s[right]]
+        f[j] = (1.0 - u) * in_W[a] + u * in_W[b]
+        size = (1.0 - u) * at_nodes[a][..., :1] + u * at_nodes[b][..., :1]
+        f[j] = np.where(ray[j, :, :, None], size * basis[j, ..., 0], f[j])
+    G = wrenches(contacts.p_W, np.where(free[..., None, :], basis, 0.0))
+    G = np.moveaxis(G, 2, 3).reshape(N, M, 6, 3 * C)
+    x = -np.linalg.pinv(G, rcond=SINGULAR) @ residual(contacts, f)[..., None]
+    return f + np.einsum("nmcae,nmce->nmca", basis, np.where(free, x[..., 0].reshape(N, M, C, 3), 0.0))
+
+
+def failure(contacts: Contacts, nodes: Nodes, margin: float, settings: Loads) -> Failure:
+    """Where the program has no solution: the nodes are tied together by the objective only, so one fails by itself."""
+    remedy = "more friction, a larger max_force, another agent or a smaller planner.local.energy.friction_margin"
+    for b, j in enumerate(nodes.source[:, 0]):
+        one = replace(
+            nodes, source=nodes.source[b : b + 1], ray=nodes.ray[b : b + 1], basis=nodes.basis[b : b + 1],
+            free=nodes.free[b : b + 1], inward=nodes.inward[b : b + 1], p=nodes.p[b : b + 1],
+            gap=np.zeros(0), span=np.ones(1),
+        )  # fmt: skip
+        if solve(contacts, one, margin, settings.grip, settings.smoothness) is None:
+            return Failure(
+                "equilibrium", place(contacts, int(j)), "object", "no contact forces hold the object", remedy
+            )
+    return Failure(
+        "equilibrium", "the whole way", "object", "the program of the contact forces does not converge", remedy
+    )
+
+
+def place(contacts: Contacts, j: int) -> str:
+    """Interval j in words, counted without hand-overs as the failures of the search are."""
+    here = contacts.moves & (contacts.segment == contacts.segment[j])
+    return f"segment {contacts.segment[j] + 1}, interval {np.sum(here[: j + 1])} of {np.sum(here)}"
+
+
+def forces(contacts: Contacts, margin: float, settings: Loads) -> Array | Failure:
+    """The forces (N, M, C, 3) of all contacts, in weights, or where there are none that hold the object."""
+    dense = np.zeros(len(contacts.mode), bool)
+    while True:
+        nodes = nodes_of(contacts, margin, dense)
+        at_nodes = solve(contacts, nodes, margin, settings.grip, settings.smoothness)
+        if at_nodes is None:
+            return failure(contacts, nodes, margin, settings)
+        f = between(contacts, nodes, at_nodes, margin)
+        # Between its ends an interval's forces may pass a cone: then the program has them at every sample. In a hand-over
+        # they are in between two that hold, and the object stands still.
+        wrong = (excess(contacts, f) > WITHIN) & contacts.moves & ~dense
+        if not np.any(wrong):
+            break
+        dense |= wrong
+    sound = np.all(excess(contacts, f) <= WITHIN) and np.all(np.abs(residual(contacts, f)) <= BALANCED)
+    return f if sound else failure(contacts, nodes, margin, settings)
+
+
+def least_grip(contacts: Contacts, f: Array) -> tuple[float, tuple[int, int]]:
+    """The least normal force of an agent in contact, hand-overs apart, in weights, and its interval and agent."""
+    normal = np.sum(f * contacts.inward_W, axis=-1).min(axis=1)
+    presses = (contacts.mode != NONE) & contacts.moves[:, None] & contacts.grips
+    least = np.where(presses, normal, np.inf)
+    j, i = np.unravel_index(int(np.argmin(least)), least.shape)
+    return float(least[j, i]), (int(j), int(i))
