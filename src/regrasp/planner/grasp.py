@@ -145,11 +145,11 @@ def grasp_cost(
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
-    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, lp)
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         return np.inf
     cost += value
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, lp)
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         cost += 2.0 * terms.outlook
     else:
@@ -183,7 +183,6 @@ def find_grasp(
     state = empty_state(hand, path)
     put(hand, build_grasp(hand, path.R_WO[0, 0], {}), state)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
-    lp.cap[:] = hand.cap
     count = len(scan.p_O)
     kept = np.zeros((len(agents), count))
     ahead = np.zeros((len(agents), count, LOOKS + 1, scan.q.shape[3]))
@@ -211,7 +210,7 @@ def find_grasp(
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
-    margin = 1.0 - settings.friction_use
+    margin = max(terms.margin, 1.0 - settings.friction_use)
     tries = 0
     improved = 0
     while improved < settings.restarts and tries < 200 * settings.restarts:

@@ -246,7 +246,7 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
 @njit(cache=True, nogil=True)
 def scan_contacts(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8],
-    clearance: float, margin: float, lp: Program, score: Array,
+    clearance: float, margin: float, grip: float, lp: Program, score: Array,
 ) -> None:  # fmt: skip
     """The paper's objective of every candidate for agent i at the end of interval j; inf where the object isn't held.
 
@@ -278,7 +278,7 @@ def scan_contacts(
             continue  # a short chain moves its candidate, so it must be known before the forces
         p[i] = scan.p_O[c] if full else scan.p[i, j + 1, c]
         n[i] = scan.n_O[c] if full else scan.n[i, j + 1, c]
-        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
+        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, grip, lp)
         if held:
             score[c] = value
 
@@ -421,7 +421,7 @@ def free_motion(
 @njit(cache=True, nogil=True)
 def relocate(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8], clearance: float,
-    margin: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
+    margin: float, grip: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0).
 
@@ -429,7 +429,7 @@ def relocate(
     `outlook`; a contact that is about to leave the agent's reach would have to be relocated again at once. As this only
     adds, candidates are taken in the order of the sum of forces and are looked at closely when their turn comes.
     """
-    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, lp, score)
+    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, grip, lp, score)
     seen = np.zeros(len(score), np.uint8)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     lands = tries > 0
