@@ -128,7 +128,8 @@ def least_force(
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig4-relocation", "fig2-planar"])
 def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str) -> None:
-    """Brute force over a small set: forces by HiGHS plus what is lost of the coming way; every way is tried."""
+    """Brute force over a small set: forces by HiGHS plus what is lost of the coming way and the part of the agents that
+    could not be relocated next; every way is tried."""
     settings = dataclasses.replace(
         SMALL, local=dataclasses.replace(SMALL.local, relocation=Relocation(candidates=30, tries=60))
     )
@@ -159,6 +160,12 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
         for c in np.flatnonzero(score < np.inf):
             kept = outlook_of(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance)
             score[c] += terms.outlook * (1.0 - kept)
+            stand = [*others, (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])]
+            stuck = [
+                np.isinf(least_force(a, j, m, stand[:b] + stand[b + 1 :], 1.0 - terms.margin, terms.grip))
+                for b in range(k)
+            ]
+            score[c] += terms.outlook * np.mean(stuck)
         n_a = a.joints(i).stop - a.joints(i).start
         q = np.zeros((m + 1, n_a))
         reachable = [

@@ -17,7 +17,16 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
+from regrasp.planner.relocation import (
+    LOOKS,
+    Scan,
+    candidate_free,
+    hold_on,
+    indispensable,
+    outlook_of,
+    touch,
+    touch_down,
+)
 from regrasp.planner.state import State, empty_state
 from regrasp.scene.schema import Contact
 
@@ -129,6 +138,7 @@ def grasp_cost(
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
+    As in a relocation: where contacts leave reach, and agents that could not be relocated as the others don't hold.
     kept (agents, C): part of the path on which each can keep its contact; ahead (agents, C, LOOKS + 1, n_max): its joints
     there. inf without equilibrium, where two agents collide at the start, or
     as soon as it is known not to be below the bound.
@@ -148,7 +158,7 @@ def grasp_cost(
     held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         return np.inf
-    cost += value
+    cost += value + terms.outlook * indispensable(hand, path, start, start, bears, p, normal, margin, terms.grip, lp)
     held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         cost += 2.0 * terms.outlook
