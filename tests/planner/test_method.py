@@ -15,6 +15,7 @@ from regrasp.plan import Plan
 from regrasp.planner.assemble import quaternions
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.motions import RELOCATE, SLIDE_X
 from regrasp.scene.load import dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing
@@ -53,6 +54,22 @@ def test_a_built_in_scene_proves_itself(name: str) -> None:
     assert outcome.plan is not None, str(outcome.failure)
     certificate = check(outcome.plan)
     assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+def test_forces_keep_off_the_edges_of_their_cones(plan: Plan) -> None:
+    """At every sample an agent in contact presses with the grip at least; a rolling one has its share of μ unused, beside
+    what the grip carries."""
+    hand, energy = arc("fig3-puma3").hand, QUICK.local.energy
+    R = Rotation.from_quat(plan.object_quaternion.reshape(-1, 4), scalar_first=True).as_matrix()
+    n_W = np.einsum("sab,skb->ska", R, plan.n_O.reshape(len(R), -1, 3)).reshape(plan.n_O.shape)
+    grip, bearing, rolling = energy.grip * hand.weight, plan.V < RELOCATE, plan.V < SLIDE_X
+    normal = -np.sum(plan.force_W * n_W, axis=-1)
+    tangential = np.linalg.norm(plan.force_W + normal[..., None] * n_W, axis=-1)
+    use = (1.0 - energy.friction_margin) * hand.mu * (normal - grip)
+    for j, i in zip(*np.nonzero(bearing), strict=True):
+        assert np.all(normal[j, :, i] >= grip - 1e-9)
+        assert not rolling[j, i] or np.all(tangential[j, :, i] <= use[j, :, i] + 1e-9)
+    assert rolling.any()
 
 
 def test_no_joint_exceeds_its_speed(plan: Plan) -> None:
@@ -156,7 +173,12 @@ def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(
 
 @pytest.mark.parametrize(
     ("text", "field"),
-    [("planner: {local: {atempts: 3}}", "planner.local.atempts"), ("planner: {samples: many}", "planner.samples")],
+    [
+        ("planner: {local: {atempts: 3}}", "planner.local.atempts"),
+        ("planner: {samples: many}", "planner.samples"),
+        ("planner: {local: {energy: {grip: -0.1}}}", "grip"),
+        ("planner: {local: {energy: {friction_margin: 1.0}}}", "friction_margin"),
+    ],
 )
 def test_bad_settings_are_named_with_exit_code_2(text: str, field: str, tmp_path, capsys) -> None:
     file = tmp_path / "bad.yaml"

@@ -52,8 +52,14 @@ class Energy:
     change: float = 0.1
     stability: float = 1.0
     clearance: float = 0.0015
-    friction_margin: float = 0.1
+    friction_margin: float = 0.3
     grip: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction_margin < 1.0:
+            raise ValueError(f"friction_margin is {self.friction_margin}, legal: 0 ≤ friction_margin < 1")
+        if not self.grip >= 0.0:
+            raise ValueError(f"grip is {self.grip}, legal: 0 or more weights")
 
 
 class Terms(Record):
