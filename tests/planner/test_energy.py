@@ -1,18 +1,21 @@
 """Eq. (1): what the shortcuts leave as it is, to the last bit, and what its counts count."""
 
+import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 from arcs import NAMES, Arc, arc, changed, made
 
-from regrasp.planner.energy import changes
+from regrasp.planner.energy import changes, loose
 from regrasp.planner.grasp import Grasp
+from regrasp.planner.hand import needed_contacts
 from regrasp.planner.local import ContactMotions, random_motions
-from regrasp.planner.motions import OFF, RELOCATE, SLIDE_MINUS_Y
+from regrasp.planner.motions import OFF, RELOCATE, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
+from regrasp.planner.supports import SLIDE, STICK
 from regrasp.scene.load import load
 
-ROWS = ("V", "lost", "hits", "c", "e", "f", "chosen")
+ROWS = ("V", "lost", "hits", "c", "e", "f", "h", "chosen")
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -86,8 +89,42 @@ def test_changes_count_as_documented() -> None:
     assert changes(V) == sum(a != b for a, b in pairs) + sum(a == b == R for a, b in pairs)
 
 
+def test_stability_counts_the_contacts_that_stick() -> None:
+    """Three in space: rolling and resting agents count, sliding ones and those that don't bear do not."""
+    a = arc("fig4-relocation")
+    rows = {
+        (STAY, STAY, ROLL_X, ROLL_X): 0,
+        (STAY, STAY, ROLL_X, SLIDE_X): 0,
+        (STAY, RELOCATE, ROLL_X, ROLL_X): 0,
+        (STAY, RELOCATE, ROLL_X, SLIDE_X): 1,
+        (STAY, SLIDE_X, SLIDE_MINUS_Y, SLIDE_X): 2,
+        (SLIDE_X, OFF, SLIDE_MINUS_Y, SLIDE_X): 3,
+    }
+    for codes, missing in rows.items():
+        bears = np.array([code not in (RELOCATE, OFF) for code in codes], np.uint8)
+        assert loose(a.hand, a.path, np.int64(0), bears, np.array(codes, np.int8)) == missing
+    assert loose(a.hand, a.path, np.int64(0), np.array([1, 0, 0, 1], np.uint8), np.zeros(4, np.int8)) == 1
+
+
+def test_a_support_counts_where_the_object_sticks_to_it() -> None:
+    """Two in a plane: the ball that slides on the table needs two fingers, the one that sticks there needs one."""
+    a = arc("fig2-planar")
+    codes, bears = np.array([STAY, SLIDE_X, SLIDE_X], np.int8), np.ones(3, np.uint8)
+    for mode, missing in ((SLIDE, 1), (STICK, 0)):
+        path = dataclasses.replace(a.path, support_mode=np.full_like(a.path.support_mode, mode))
+        assert loose(a.hand, path, np.int64(0), bears, codes) == missing
+
+
+def test_two_contacts_determine_a_pose_in_a_plane_and_three_in_space() -> None:
+    for freedoms in (("x", "z", "ry"), ("ry", "x"), ("x", "y", "rz"), ("y", "rx"), ("z",)):
+        assert needed_contacts(freedoms) == 2
+    for freedoms in (("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z"), ("x", "rx"), ("x", "y", "ry")):
+        assert needed_contacts(freedoms) == 3
+
+
 def test_the_energy_is_the_weighted_sum_of_its_terms(each: Arc) -> None:
-    """E = K_c Σ c + K_e Σ e + K_f Σ f + K_g Σ g with every lost agent and every colliding block counted in c."""
+    """E = K_c Σ c + K_e Σ e + K_f Σ f + K_g Σ g + K_h Σ h with every lost agent and every colliding block counted in c,
+    and in h what there are too few of agents that stick and supports that do."""
     n, k = len(each.path.R_WO), len(each.task.names)
     for seed in range(4):
         problem = each.problem(random_motions(n, k, np.random.default_rng(seed)))
@@ -96,7 +133,10 @@ def test_the_energy_is_the_weighted_sum_of_its_terms(each: Arc) -> None:
         np.testing.assert_array_equal(s.c, s.lost.sum(1) + (s.hits * blocks).sum((1, 2)))
         assert set(s.e) <= {0.0, 1.0}
         assert np.all(s.f[s.e == 1.0] == 0.0)
+        stick = ((s.V < SLIDE_X) & (s.holds[:-1] == 1)).sum(1) + (each.path.support_mode == STICK).sum(1)
+        np.testing.assert_array_equal(s.h, np.maximum(0, each.hand.needed - stick))
         expected = K.collision * s.c.sum() + K.equilibrium * s.e.sum() + K.force * s.f.sum() + K.change * changes(s.V)
+        expected += K.stability * s.h.sum()
         assert problem.energy() == pytest.approx(expected, rel=1e-12)
 
 

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from regrasp.cli import main
-from regrasp.plan import RELOCATE, Plan
+from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
 from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner
@@ -55,6 +55,19 @@ def test_a_built_in_scene_proves_itself(name: str) -> None:
     assert outcome.plan is not None, str(outcome.failure)
     certificate = check(outcome.plan)
     assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+def test_forces_keep_off_the_edges_of_their_cones(plan: Plan) -> None:
+    """Where intervals meet, a rolling agent has its share of μ unused."""
+    hand, margin = arc("fig3-puma3").hand, QUICK.local.energy.friction_margin
+    R = Rotation.from_quat(plan.object_quaternion.reshape(-1, 4), scalar_first=True).as_matrix()
+    n_W = np.einsum("sab,skb->ska", R, plan.n_O.reshape(len(R), -1, 3)).reshape(plan.n_O.shape)
+    normal = -np.sum(plan.force_W * n_W, axis=-1)[:, [0, -1]]
+    tangential = np.linalg.norm(plan.force_W[:, [0, -1]] + normal[..., None] * n_W[:, [0, -1]], axis=-1)
+    rolling = np.repeat((plan.V < FIRST_SLIDE)[:, None], 2, axis=1)
+    assert rolling.any()
+    assert np.all((tangential - (1.0 - margin) * hand.mu * normal)[rolling] <= 1e-6 * hand.weight)
+    assert np.all(normal[np.repeat((plan.V < RELOCATE)[:, None], 2, axis=1)] > -1e-6 * hand.weight)
 
 
 def test_a_grip_beyond_the_limits_is_remarked_and_the_plan_holds(plan: Plan) -> None:
@@ -180,7 +193,12 @@ def test_what_cannot_be_planned_is_said_in_one_line_with_exit_code_1(
 
 @pytest.mark.parametrize(
     ("text", "field"),
-    [("planner: {local: {atempts: 3}}", "planner.local.atempts"), ("planner: {samples: many}", "planner.samples")],
+    [
+        ("planner: {local: {atempts: 3}}", "planner.local.atempts"),
+        ("planner: {samples: many}", "planner.samples"),
+        ("planner: {local: {energy: {grip: -0.1}}}", "grip"),
+        ("planner: {local: {energy: {friction_margin: 1.0}}}", "friction_margin"),
+    ],
 )
 def test_bad_settings_are_named_with_exit_code_2(text: str, field: str, tmp_path, capsys) -> None:
     file = tmp_path / "bad.yaml"

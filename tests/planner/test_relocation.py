@@ -86,12 +86,16 @@ def test_a_relocating_agents_whole_way_is_clear(name: str) -> None:
     assert found > 0
 
 
-def least_force(a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np.ndarray]], use: float) -> float:
+def least_force(
+    a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np.ndarray]], use: float, grip: float
+) -> float:
     """Σ of normal forces in weights by HiGHS, eight edges per contact; inf without equilibrium.
+
+    Each of an agent's edges bears an eighth of the grip at least.
 
     Supports cost nothing; one that slides bears force on the ray against its slip, with all of μ.
     """
-    columns, cost, caps = [], [], []
+    columns, cost, caps, least = [], [], [], []
     spots = [(p, -n, a.hand.mu[i], 1.0, a.hand.cap[i]) for i, p, n in contacts]
     for slot, mode in enumerate(a.path.support_mode[j]):
         p, n = a.path.support_p_O[j, s, slot], a.path.support_n_O[j, s, slot]
@@ -99,6 +103,7 @@ def least_force(a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np
             f = n + a.path.support_mu[slot] * a.path.support_t_O[j, s, slot]
             columns.append([*f, *np.cross(p - a.hand.p_OM_O, f) / a.hand.radius])
             cost.append(0.0)
+            least.append(0.0)
             caps.append((-1, np.inf))
         elif mode == STICK:
             spots.append((p, n, a.path.support_mu[slot], 0.0, np.inf))
@@ -109,20 +114,22 @@ def least_force(a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np
             f = inward + use * mu * (np.cos(angle) * x + np.sin(angle) * y)
             columns.append([*f, *np.cross(p - a.hand.p_OM_O, f) / a.hand.radius])
             cost.append(weight)
+            least.append(weight * grip / 8)
             caps.append((number, cap))
     rows = [[float(owner == number) for owner, _ in caps] for number in range(len(spots))]
     limits = [spot[4] for spot in spots]
     finite = np.isfinite(limits)
     result = linprog(
         cost, A_ub=np.array(rows)[finite], b_ub=np.array(limits)[finite], A_eq=np.array(columns).T,
-        b_eq=[*a.path.up_O[j, s], 0.0, 0.0, 0.0], method="highs",
+        b_eq=[*a.path.up_O[j, s], 0.0, 0.0, 0.0], bounds=[(low, None) for low in least], method="highs",
     )  # fmt: skip
     return result.fun if result.success else np.inf
 
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig4-relocation", "fig2-planar"])
 def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str) -> None:
-    """Brute force over a small set: forces by HiGHS plus what is lost of the coming way; every way is tried."""
+    """Brute force over a small set: forces by HiGHS plus what is lost of the coming way and the part of the agents that
+    could not be relocated next; every way is tried."""
     settings = dataclasses.replace(
         SMALL, local=dataclasses.replace(SMALL.local, relocation=Relocation(candidates=30, tries=60))
     )
@@ -138,7 +145,9 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
             continue
         bears = np.array([b != i for b in range(k)], np.uint8)
         score = np.zeros(len(scan.p_O))
-        scan_contacts(a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margin, work.lp, score)
+        scan_contacts(
+            a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margin, terms.grip, work.lp, score
+        )
         truth = np.full(len(score), np.inf)
         others = [(b, state.p_OC[j + 1, b], state.n_O[j, 1, b]) for b in range(k) if b != i]
         for c in range(len(score)):
@@ -146,11 +155,17 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
                 score[c] = np.inf
                 continue
             here = (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])
-            truth[c] = least_force(a, j, m, [*others, here], 1.0 - terms.margin)
+            truth[c] = least_force(a, j, m, [*others, here], 1.0 - terms.margin, terms.grip)
         np.testing.assert_allclose(score, truth, rtol=1e-6)
         for c in np.flatnonzero(score < np.inf):
             kept = outlook_of(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance)
             score[c] += terms.outlook * (1.0 - kept)
+            stand = [*others, (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])]
+            stuck = [
+                np.isinf(least_force(a, j, m, stand[:b] + stand[b + 1 :], 1.0 - terms.margin, terms.grip))
+                for b in range(k)
+            ]
+            score[c] += terms.outlook * np.mean(stuck)
         n_a = a.joints(i).stop - a.joints(i).start
         q = np.zeros((m + 1, n_a))
         reachable = [

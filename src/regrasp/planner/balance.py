@@ -84,6 +84,16 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margin: float, lp: P
 
 
 @njit(cache=True, nogil=True)
+def least_share(code: int, grip: float) -> float:
+    """The least λ of each column of an agent's contact: its columns bear `grip` together.
+
+    The mean of a cone's edges is its normal, so a rolling contact's cone is moved up its normal by grip. Within the
+    normal forces from grip on this is less than the cone itself: it also keeps (1 − margin) μ grip off the cone's edge.
+    """
+    return grip if is_sliding(code) else grip / EDGES
+
+
+@njit(cache=True, nogil=True)
 def balance(
     hand: Hand,
     path: Path,
@@ -95,19 +105,34 @@ def balance(
     n: Array,
     t: Array,
     margin: float,
+    grip: float,
     lp: Program,
 ) -> tuple[bool, float, int]:
     """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, columns written).
 
-    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
+    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O. grip: the
+    least normal force of each of them, in weights. Lower bounds are taken off the variables before the solution, with
+    what they bear and of the caps, and put on afterwards: y = 0 stays dual feasible.
     """
     columns = whole(0)
-    for i in range(len(bears)):
-        if bears[i]:
-            columns += contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
-    columns += support_columns(hand, path, j, s, margin, lp, columns)
     for a in range(3):
         lp.b[a] = path.up_O[j, s, a]
         lp.b[3 + a] = 0.0
+    for i in range(len(bears)):
+        lp.cap[i] = hand.cap[i]
+        if bears[i]:
+            count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
+            least = least_share(codes[i], grip)
+            for c in range(columns, columns + count):
+                for row in range(6):
+                    lp.b[row] -= least * lp.A[row, c]
+            lp.cap[i] -= grip
+            columns += count
+    columns += support_columns(hand, path, j, s, margin, lp, columns)
     status, value, _ = solve(lp, columns, False)
+    for c in range(columns):
+        if lp.group[c] >= 0:
+            least = least_share(codes[lp.group[c]], grip)
+            lp.solution[c] += least
+            value += least
     return status == OPTIMAL, value, columns

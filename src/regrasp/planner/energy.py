@@ -1,4 +1,6 @@
-"""Eq. (1) of the paper: E(V) = K_c Σ_j c_j + K_e Σ_j e_j + K_f Σ_ij |f_ij| + K_g Σ_i g_i, evaluated interval by interval.
+"""Eq. (1): E(V) = K_c Σ_j c_j + K_e Σ_j e_j + K_f Σ_ij |f_ij| + K_g Σ_i g_i + K_h Σ_j h_j, evaluated interval by interval.
+
+The paper's, and with K_h what the contacts that stick leave of the object's pose undetermined.
 
 Object pose → contact kinematics per agent → joint angles → collisions → force LP. Two exact shortcuts leave every value as
 it is: what a change of V does not reach is taken over from the current state, and the evaluation ends as soon as the
@@ -24,8 +26,8 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import OFF, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion, relocate, stand_on
-from regrasp.planner.state import State, copy_agent, copy_motion, same_agent
-from regrasp.planner.supports import SLIDE
+from regrasp.planner.state import State, copy_agent, copy_motion, copy_terms, same_agent
+from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -39,16 +41,25 @@ class Energy:
     """Weights of Eq. (1), K_c ≈ K_e ≫ K_f, K_g, and the margins of its constraints.
 
     collision K_c, equilibrium K_e: per interval and violation. force K_f: per weight of contact force and interval.
-    change K_g: per change of an agent's contact motion. clearance: m, kept between bodies that may not touch.
-    friction_margin: part of μ that rolling and resting contacts leave unused.
+    change K_g: per change of an agent's contact motion. stability K_h: per interval and contact that sticks too few.
+    clearance: m, kept between bodies that may not touch. friction_margin: part of μ that rolling and resting contacts
+    leave unused. grip: least normal force of every agent that bears, in weights.
     """
 
     collision: float = 10.0
     equilibrium: float = 10.0
     force: float = 0.05
     change: float = 0.1
+    stability: float = 1.0
     clearance: float = 0.0015
-    friction_margin: float = 0.1
+    friction_margin: float = 0.3
+    grip: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction_margin < 1.0:
+            raise ValueError(f"friction_margin is {self.friction_margin}, legal: 0 ≤ friction_margin < 1")
+        if not self.grip >= 0.0:
+            raise ValueError(f"grip is {self.grip}, legal: 0 or more weights")
 
 
 class Terms(Record):
@@ -58,8 +69,10 @@ class Terms(Record):
     equilibrium: float
     force: float
     change: float
+    stability: float
     clearance: float
     margin: float
+    grip: float
     outlook: float
     tries: int
     high: float
@@ -80,7 +93,6 @@ def new_work(hand: Hand, path: Path, scan: Scan) -> Work:
     """Scratch arrays for evaluations on this path."""
     k, slots = len(hand.tip_geom), path.support_mode.shape[1]
     lp = program(EDGES * (k + slots), k)
-    lp.cap[:] = hand.cap
     flags = [np.zeros(k, np.uint8) for _ in range(3)]
     return Work(lp, np.zeros(len(scan.p_O)), *flags)
 
@@ -94,6 +106,22 @@ def changes(V: Codes) -> int:
             if V[j, i] != V[j - 1, i] or V[j, i] == RELOCATE:
                 count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def loose(hand: Hand, path: Path, j: int, bears: NDArray[np.uint8], codes: Codes) -> int:
+    """h_j: how many sticking contacts interval j has too few to determine the object's pose.
+
+    Agents that bear without sliding and supports on which the object sticks; a contact that slides follows the object.
+    """
+    stick = 0
+    for i in range(len(bears)):
+        if bears[i] == 1 and not is_sliding(whole(codes[i])):
+            stick += 1
+    for column in range(path.support_mode.shape[1]):
+        if path.support_mode[j, column] == STICK:
+            stick += 1
+    return max(0, hand.needed - stick)
 
 
 @njit(cache=True, nogil=True)
@@ -152,8 +180,8 @@ def move_freely(hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, 
     q = np.empty((path.R_WO.shape[1], n_a))
     if state.V[j, i] == RELOCATE:
         c, way = relocate(
-            hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margin, terms.outlook, terms.tries,
-            terms.high, work.lp, work.score, q,
+            hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margin, terms.grip, terms.outlook,
+            terms.tries, terms.high, work.lp, work.score, q,
         )  # fmt: skip
         state.chosen[j, i] = c
         state.way[j, i] = way
@@ -224,7 +252,7 @@ def same_program(path: Path, state: State, j: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, work: Work) -> None:
-    """c_j, e_j and Σ_i |f_ij| of interval j. The force LP stands at both ends of the interval with its contact motions."""
+    """c_j, e_j, Σ_i |f_ij| and h_j of interval j. The force LP stands at both ends of the interval with its contact motions."""
     k, m = len(work.dirty), path.R_WO.shape[1] - 1
     count = 0
     for a in range(k):
@@ -238,23 +266,26 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
     else:
         held, value, _ = balance(
             hand, path, j, whole(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin,
-            work.lp,
+            terms.grip, work.lp,
         )  # fmt: skip
         if held:
             start = value
     held, value, _ = balance(
-        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margin, work.lp
-    )
+        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margin,
+        terms.grip, work.lp,
+    )  # fmt: skip
     new.end[j] = value if held else np.inf
     fine = start < np.inf and held
     new.e[j] = 0.0 if fine else 1.0
     new.f[j] = 0.5 * (start + value) if fine else 0.0
+    new.h[j] = loose(hand, path, j, work.bears, new.V[j])
 
 
 @njit(cache=True, nogil=True)
 def interval_energy(terms: Terms, state: State, j: int) -> float:
     """The share of interval j in Eq. (1), without the changes g."""
-    return terms.collision * state.c[j] + terms.equilibrium * state.e[j] + terms.force * state.f[j]
+    violations = terms.collision * state.c[j] + terms.equilibrium * state.e[j]
+    return violations + terms.force * state.f[j] + terms.stability * state.h[j]
 
 
 @njit(cache=True, nogil=True)
@@ -332,7 +363,7 @@ def evaluate(
         if touched == 0:
             for a in range(k):
                 new.hits[j, a] = cur.hits[j, a]
-            new.c[j], new.e[j], new.f[j], new.end[j] = cur.c[j], cur.e[j], cur.f[j], cur.end[j]
+            copy_terms(cur, new, j)
         else:
             collisions(hand, terms, cur, new, j, work, fresh)
             score_interval(hand, path, terms, new, j, work)
@@ -351,4 +382,4 @@ def adopt(hand: Hand, new: State, cur: State, first: int, stop: int) -> None:
             copy_agent(hand, new, cur, j + 1, i)
             copy_motion(new, cur, j, i)
         cur.hits[j] = new.hits[j]
-        cur.c[j], cur.e[j], cur.f[j], cur.end[j] = new.c[j], new.e[j], new.f[j], new.end[j]
+        copy_terms(new, cur, j)

@@ -17,7 +17,16 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
+from regrasp.planner.relocation import (
+    LOOKS,
+    Scan,
+    candidate_free,
+    hold_on,
+    indispensable,
+    outlook_of,
+    touch,
+    touch_down,
+)
 from regrasp.planner.state import State, empty_state
 from regrasp.scene.schema import Contact
 
@@ -129,6 +138,7 @@ def grasp_cost(
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
+    As in a relocation: where contacts leave reach, and agents that could not be relocated as the others don't hold.
     kept (agents, C): part of the path on which each can keep its contact; ahead (agents, C, LOOKS + 1, n_max): its joints
     there. inf without equilibrium, where two agents collide at the start, or
     as soon as it is known not to be below the bound.
@@ -145,11 +155,11 @@ def grasp_cost(
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
-    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, lp)
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         return np.inf
-    cost += value
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, lp)
+    cost += value + terms.outlook * indispensable(hand, path, start, start, bears, p, normal, margin, terms.grip, lp)
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, terms.grip, lp)
     if not held:
         cost += 2.0 * terms.outlook
     else:
@@ -183,7 +193,6 @@ def find_grasp(
     state = empty_state(hand, path)
     put(hand, build_grasp(hand, path.R_WO[0, 0], {}), state)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
-    lp.cap[:] = hand.cap
     count = len(scan.p_O)
     kept = np.zeros((len(agents), count))
     ahead = np.zeros((len(agents), count, LOOKS + 1, scan.q.shape[3]))
@@ -211,7 +220,7 @@ def find_grasp(
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
-    margin = 1.0 - settings.friction_use
+    margin = max(terms.margin, 1.0 - settings.friction_use)
     tries = 0
     improved = 0
     while improved < settings.restarts and tries < 200 * settings.restarts:

@@ -33,6 +33,7 @@ class Hand(Record):
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
     kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
+    needed: contacts that must stick for the object's pose to be determined.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
     home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
     p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
@@ -49,6 +50,7 @@ class Hand(Record):
     size_O: Array
     kind_T: Ints
     size_T: Array
+    needed: int
     mu: Array
     cap: Array
     home: Array
@@ -106,6 +108,7 @@ def hand_of(world: World) -> Hand:
         size_O=world.object_size,
         kind_T=np.full(len(agents), SPHERE, np.int64),
         size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
+        needed=needed_contacts(world.scene.freedoms),
         mu=np.array([agent.friction for agent in agents]),
         cap=np.array([agent.max_force / weight for agent in agents]),
         home=np.concatenate([agent.home for agent in agents]).astype(float),
@@ -115,6 +118,15 @@ def hand_of(world: World) -> Hand:
         radius=bounding_radius(world.object_kind, world.object_size),
         weight=weight,
     )
+
+
+def needed_contacts(freedoms: tuple[str, ...]) -> int:
+    """How many sticking contacts determine the pose of an object with these freedoms: 3, or 2 if it moves in a plane.
+
+    Two fixed points leave the turn about the line through them, which leads out of every plane that holds them.
+    """
+    planes = ({"x", "y", "rz"}, {"x", "z", "ry"}, {"y", "z", "rx"})
+    return 2 if any(set(freedoms) <= plane for plane in planes) else 3
 
 
 def blocks(pairs: list[tuple[int, int]], owner: Ints, k: int) -> tuple[Ints, Ints]:

@@ -41,8 +41,9 @@ def terms_of(hand: Hand, settings: LocalPlanner) -> Terms:
     """The settings as the kernels take them."""
     energy, relocation = settings.energy, settings.relocation
     return Terms(
-        energy.collision, energy.equilibrium, energy.force, energy.change, energy.clearance, energy.friction_margin,
-        relocation.outlook, relocation.tries, relocation.lift * hand.radius, commands(settings.steps, hand.radius),
+        energy.collision, energy.equilibrium, energy.force, energy.change, energy.stability, energy.clearance,
+        energy.friction_margin, energy.grip, relocation.outlook, relocation.tries, relocation.lift * hand.radius,
+        commands(settings.steps, hand.radius),
     )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ class Relocation:
 
     candidates: points of the object's surface that are scanned. lift: height a tip rises above the surface, in parts of
     the object's radius. tries: free motions that are tried, in the order of the scan's objective. outlook: weight of
-    losing reach on the coming way, against the sum of forces in weights.
+    losing reach on the coming way and of agents that cannot be relocated next, against the sum of forces in weights.
     """
 
     candidates: int = 120
@@ -244,9 +244,36 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
 
 
 @njit(cache=True, nogil=True)
+def indispensable(
+    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], p: Array, n: Array, margin: float, grip: float,
+    lp: Program,
+) -> float:  # fmt: skip
+    """Part of the agents that bear without any one of which the others, at rest, don't hold the object (`balance`)."""
+    codes, t = np.full(len(bears), STAY, np.int8), np.zeros((len(bears), 3))
+    left = bears.copy()
+    count, lost = 0, 0
+    for a in range(len(bears)):
+        if bears[a] == 0:
+            continue
+        count += 1
+        left[a] = 0
+        held, _, _ = balance(hand, path, j, s, left, codes, p, n, t, margin, grip, lp)
+        left[a] = 1
+        if not held:
+            lost += 1
+    return lost / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
+def contacts_at_end(state: State, j: int) -> tuple[Array, Array]:
+    """Contact points and normals (k, 3) of all agents at the end of interval j, to be written into."""
+    return state.p_OC[j + 1].copy(), state.n_O[j, 1].copy()
+
+
+@njit(cache=True, nogil=True)
 def scan_contacts(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8],
-    clearance: float, margin: float, lp: Program, score: Array,
+    clearance: float, margin: float, grip: float, lp: Program, score: Array,
 ) -> None:  # fmt: skip
     """The paper's objective of every candidate for agent i at the end of interval j; inf where the object isn't held.
 
@@ -255,13 +282,12 @@ def scan_contacts(
     """
     k, m = len(hand.tip_geom), path.R_WO.shape[1] - 1
     codes = np.zeros(k, np.int8)
-    p, n, t = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
+    p, n = contacts_at_end(state, j)
+    t = np.empty((k, 3))
     stands = np.zeros(k, np.uint8)
     for a in range(k):
         codes[a] = state.V[j, a]
         stands[a] = bears[a]
-        p[a] = state.p_OC[j + 1, a]
-        n[a] = state.n_O[j, 1, a]
         t[a] = state.t_O[j, 1, a]
     stands[i] = 1
     codes[i] = STAY
@@ -278,7 +304,7 @@ def scan_contacts(
             continue  # a short chain moves its candidate, so it must be known before the forces
         p[i] = scan.p_O[c] if full else scan.p[i, j + 1, c]
         n[i] = scan.n_O[c] if full else scan.n[i, j + 1, c]
-        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, lp)
+        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, grip, lp)
         if held:
             score[c] = value
 
@@ -421,15 +447,20 @@ def free_motion(
 @njit(cache=True, nogil=True)
 def relocate(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8], clearance: float,
-    margin: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
+    margin: float, grip: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0).
 
-    Deviation: to the sum of forces is added the part of the coming way on which the contact can't be kept, times
-    `outlook`; a contact that is about to leave the agent's reach would have to be relocated again at once. As this only
-    adds, candidates are taken in the order of the sum of forces and are looked at closely when their turn comes.
+    Deviation: to the sum of forces are added, times `outlook`, the part of the coming way on which the contact can't be
+    kept, and the part of the agents that could not be relocated from there; a contact that is about to leave the agent's
+    reach would have to be relocated again at once, and others wait for their turn. As this only adds, candidates are
+    taken in the order of the sum of forces and are looked at closely when their turn comes.
     """
-    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, lp, score)
+    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, grip, lp, score)
+    m = path.R_WO.shape[1] - 1
+    p, n = contacts_at_end(state, j)
+    stands = bears.copy()
+    stands[i] = 1
     seen = np.zeros(len(score), np.uint8)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     lands = tries > 0
@@ -441,7 +472,9 @@ def relocate(
         if seen[c] == 0:
             seen[c] = 1
             if candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
-                score[c] += outlook * (1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance))
+                p[i], n[i] = scan.p[i, j + 1, c], scan.n[i, j + 1, c]
+                stuck = indispensable(hand, path, j, m, stands, p, n, margin, grip, lp)
+                score[c] += outlook * (stuck + 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance))
             else:
                 score[c] = np.inf
             continue

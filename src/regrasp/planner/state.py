@@ -21,7 +21,7 @@ class State(Record):
 
     V (n, k): contact motions; n_O, t_O (n, 2, k, 3): normal and slip direction at start and end of the interval;
     chosen (n, k): where a relocating agent went (candidate, −1 none) and way (n, k): how; lost (n, k): workspace condition
-    broken; hits (n, k, k + 2): collisions at the interval's end; c, e, f (n,): the interval's share of Eq. (1);
+    broken; hits (n, k, k + 2): collisions at the interval's end; c, e, f, h (n,): the interval's share of Eq. (1);
     end (n,): the sum of forces at the interval's end, inf without equilibrium.
     """
 
@@ -42,6 +42,7 @@ class State(Record):
     c: Array
     e: Array
     f: Array
+    h: Array
     end: Array
 
 
@@ -68,6 +69,7 @@ def empty_state(hand: Hand, path: Path) -> State:
         c=np.zeros(n),
         e=np.zeros(n),
         f=np.zeros(n),
+        h=np.zeros(n),
         end=np.zeros(n),
     )
     static = slice(hand.geom_start[k], hand.object_geom)
@@ -105,6 +107,13 @@ def copy_motion(source: State, target: State, j: int, i: int) -> None:
     target.chosen[j, i] = source.chosen[j, i]
     target.way[j, i] = source.way[j, i]
     target.lost[j, i] = source.lost[j, i]
+
+
+@njit(cache=True, nogil=True)
+def copy_terms(source: State, target: State, j: int) -> None:
+    """Copy the share of interval j in Eq. (1)."""
+    target.c[j], target.e[j], target.f[j], target.h[j] = source.c[j], source.e[j], source.f[j], source.h[j]
+    target.end[j] = source.end[j]
 
 
 @njit(cache=True, nogil=True)
