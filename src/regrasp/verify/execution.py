@@ -49,8 +49,8 @@ class Execution:
 
     time (S,): on the plan's clock, s. interval (S,): of the plan. qpos (S, nq): of the model. error (S, 6): the object's
     displacement from its path, m and rad in W. force_W, planned_W (S, k, 3): of the agents on the object, measured and
-    planned, N. bears (S, k): who should be in contact. slip (S, k): way that the tip has slid on the object so far where
-    the plan has it roll or stay, m. strained (S, k): whether a drive was at its limit. touches: contacts that the plan
+    planned, N. bears (S, k): who should be in contact. slip (S, k): how far the tip has come on the
+    object by sliding so far, where the plan has it roll or stay, m. strained (S, k): whether a drive was at its limit. touches: contacts that the plan
     does not have, the first of each pair. seconds: of simulated time; wall: that it took.
     """
 
@@ -143,7 +143,8 @@ class Recorder:
         self._qpos: list[Array] = []
         self._error: list[Array] = []
         self._force: list[Array] = []
-        self._slip: list[Array] = [np.zeros(len(world.agents))]
+        self._slid = np.zeros((len(world.agents), 3))  # in the object's frame
+        self._slip: list[Array] = []
         self._strained: list[NDArray[np.bool_]] = []
         self._touches: dict[tuple[int, int], Touch] = {}
 
@@ -156,15 +157,16 @@ class Recorder:
         self._qpos.append(data.qpos.copy())
         self._error.append(displacement(ref.p_WO[row], ref.R_WO[row], physics.p_WO, physics.R_WO))
         self._force.append(force)
-        self._slip.append(self._slip[-1] + slip * EVERY * PERIOD)
+        self._slid += slip @ physics.R_WO * (EVERY * PERIOD)
+        self._slip.append(np.linalg.norm(self._slid, axis=1))
         full = np.abs(data.actuator_force) >= 0.999 * self._limit
         at = full[physics.drives.actuator]
         self._strained.append(np.array([at[mine].any() for mine in self._joints]))
 
     def _contacts(self, row: int) -> tuple[Array, Array]:
-        """Force on the object and speed of slip, of each agent; contacts the plan does not have are noted."""
+        """Force on the object and velocity of slip over it (k, 3), in W; contacts the plan does not have are noted."""
         data, k = self._physics.data, len(self._joints)
-        force, slip = np.zeros((k, 3)), np.zeros(k)
+        force, slip = np.zeros((k, 3)), np.zeros((k, 3))
         interval = max(0, self._reference.interval[row])
         contact = data.contact
         for (a, b), address, frame in zip(contact.geom, contact.efc_address, contact.frame, strict=True):
@@ -183,7 +185,7 @@ class Recorder:
             # Rows of an elliptic contact: normal, then the two tangents of its frame; forces act on the second geom.
             force[i] += sign * (data.efc_force[address : address + 3] @ frame.reshape(3, 3))
             if self._reference.bears[row, i] and not self._sliding[interval, i]:
-                slip[i] = max(slip[i], float(np.linalg.norm(data.efc_vel[address + 1 : address + 3])))
+                slip[i] = -sign * (data.efc_vel[address + 1 : address + 3] @ frame.reshape(3, 3)[1:])
         return force, slip
 
     def _note(self, a: int, b: int, row: int) -> None:
@@ -203,7 +205,7 @@ class Recorder:
             force_W=np.array(self._force).reshape(-1, k, 3),
             planned_W=ref.force_W[rows],
             bears=ref.bears[rows],
-            slip=np.array(self._slip[1:]).reshape(-1, k),
+            slip=np.array(self._slip).reshape(-1, k),
             strained=np.array(self._strained, dtype=bool).reshape(-1, k),
             touches=tuple(self._touches.values()),
             trouble=trouble,
