@@ -43,15 +43,16 @@ class State:
     planned: Array | None = None
 
 
-def choose(plan: Plan, count: int) -> tuple[Instant, ...]:
+def choose(plan: Plan, count: int, intervals: int | None = None) -> tuple[Instant, ...]:
     """At most `count` instants: the first, the last, and from every stretch between the one where most happens.
 
-    A relocation tells more than a change of supports, that more than an agent's change of motion.
+    A relocation tells more than a change of supports, that more than an agent's change of motion. intervals: how many
+    of the plan's count, by default all.
     """
-    N, M = plan.time.shape
+    N, M = intervals or len(plan.time), plan.time.shape[1]
     if count == 1:
         return (Instant(N // 2, M // 2),)
-    V, supports = plan.V, plan.support_mode
+    V, supports = plan.V[:N], plan.support_mode[:N]
     news = 4.0 * np.sum(V == RELOCATE, axis=1)
     news[1:] += np.sum(V[1:] != V[:-1], axis=1) + 2.0 * np.sum(supports[1:] != supports[:-1], axis=1)
     between = []

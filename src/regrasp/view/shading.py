@@ -104,9 +104,18 @@ def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
 
 def silhouette(stage: Stage, data: mujoco.MjData, camera: Camera) -> NDArray[np.bool_]:
     """Where (height, width) the object's image is, with everything else out of the way."""
-    y, x = np.mgrid[0 : camera.height, 0 : camera.width]
+    inside = np.zeros((camera.height, camera.width), bool)
+    geoms = np.flatnonzero(stage.model.geom_group == OBJECT)
+    centre, bound = data.geom_xpos[geoms], stage.model.geom_rbound[geoms]
+    nearest = np.maximum((centre - camera.eye) @ camera.R[2] - bound, 1e-9)
+    reach = (bound / (nearest * camera.pixel_size(1.0)))[:, None]
+    middle, limit = camera.project(centre), [camera.width, camera.height]
+    left, top = np.clip(np.floor((middle - reach).min(axis=0)), 0, limit).astype(int)
+    right, bottom = np.clip(np.ceil((middle + reach).max(axis=0)), 0, limit).astype(int)
+    y, x = np.mgrid[top:bottom, left:right]
     rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
-    return (hits(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(camera.height, camera.width)
+    inside[top:bottom, left:right] = (hits(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(x.shape)
+    return inside
 
 
 def _light(camera: Camera) -> Array:
