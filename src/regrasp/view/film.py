@@ -115,10 +115,7 @@ def clip(film: Film, path: str | os.PathLike[str], speed: float | None = None, c
     speed: of the clip, as a multiple of real time; by default 1, or 2, 4 … where there would be too many pictures.
     cores: processes at work, by default one on each core.
     """
-    if speed is None:
-        speed = 1.0
-        while len(ticks(film.run, speed)) > MOST:
-            speed *= 2
+    speed = speed or pace(film.run)
     rows = ticks(film.run, speed)
     small = replace(film.show, camera=replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT))
     film = replace(film, show=small)
@@ -151,10 +148,18 @@ def instants(film: Film, count: int) -> list[int]:
     return sorted({*rows[:-1], len(run.time) - 1})
 
 
+def pace(run: Execution) -> float:
+    """The slowest of real time, twice, four times … as fast that needs no more than MOST pictures."""
+    speed = 1.0
+    while len(ticks(run, speed)) > MOST:
+        speed *= 2
+    return speed
+
+
 def ticks(run: Execution, speed: float) -> list[int]:
     """Records at which a clip's pictures are taken: every DELAY ms of the clip from the first, and the last."""
-    pace = speed * DELAY / 1000
-    times = run.time[0] + pace * np.arange(round((run.time[-1] - run.time[0]) / pace) + 1)
+    step = speed * DELAY / 1000
+    times = run.time[0] + step * np.arange(round((run.time[-1] - run.time[0]) / step) + 1)
     rows = [int(row) for row in np.abs(run.time[:, None] - times).argmin(axis=0)]
     return [*rows[:-1], len(run.time) - 1]
 
@@ -187,12 +192,10 @@ def _state(world: World, run: Execution, pose: Array, contact: Array, row: int, 
 
 def _touch(world: World, data: mujoco.MjData, tip: int) -> Array:
     """The point of the object nearest to a tip, W."""
-    best, ends = np.inf, np.empty(6)
-    point = data.geom_xpos[tip].copy()
+    best, ends, point = np.inf, np.empty(6), data.geom_xpos[tip].copy()
     for geom in world.object_geoms:
-        reach = float(world.model.geom_rbound[tip])
-        distance = mujoco.mj_geomDistance(world.model, data, tip, int(geom), reach, ends)
-        if distance < min(best, reach):
+        distance = mujoco.mj_geomDistance(world.model, data, tip, int(geom), world.model.stat.extent, ends)
+        if distance < best:
             best, point = distance, ends[3:].copy()
     return point
 
