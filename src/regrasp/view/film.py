@@ -117,8 +117,8 @@ def clip(film: Film, path: str | os.PathLike[str], speed: float | None = None, c
     """
     speed = speed or pace(film.run)
     rows = ticks(film.run, speed)
-    small = replace(film.show, camera=replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT))
-    film = replace(film, show=small)
+    camera = replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT)
+    film = replace(film, show=replace(film.show, camera=camera, stage=replace(film.show.stage, subrays=2)))
     workers = min(cores or os.cpu_count() or 1, len(rows))
     shares = [rows[first::workers] for first in range(workers)]
     if workers == 1:

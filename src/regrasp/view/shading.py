@@ -17,8 +17,6 @@ Array = NDArray[np.float64]
 BACKGROUND = np.array([0.975, 0.975, 0.97])
 DRAWN, OBJECT, HIDDEN = 0, 1, 5
 """Geom groups of the model to be drawn: everything else, the object, and what is not to be seen."""
-SUBRAYS = 3
-"""A pixel on an edge is the mean of SUBRAYS² rays."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,8 @@ class Stage:
 
     colour (ngeom, 3) in 0…1; marked (ngeom,) whether a geom carries coordinate lines, which show its turning as the
     radial lines of the paper's Fig. 2 do: the object those of its frame, a tip those of its own; centre (3,) and
-    radius: where the interest is, W, m; flat: seen from the side, without shadows.
+    radius: where the interest is, W, m; flat: seen from the side, without shadows; subrays: a pixel on an edge is the
+    mean of subrays² rays.
     """
 
     model: mujoco.MjModel
@@ -36,6 +35,7 @@ class Stage:
     centre: Array
     radius: float
     flat: bool
+    subrays: int = 3
 
 
 class Look(NamedTuple):
@@ -94,11 +94,11 @@ def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
         edge[after] |= step
     rough = np.flatnonzero(edge)
     total = np.zeros((len(rough), 3))
-    offsets = (np.arange(SUBRAYS) + 0.5) / SUBRAYS - 0.5
+    offsets = (np.arange(stage.subrays) + 0.5) / stage.subrays - 0.5
     for du in offsets:
         for dv in offsets:
             total += shade(stage, data, camera, centres[rough] + [du, dv])
-    image.reshape(-1, 3)[rough] = total / SUBRAYS**2
+    image.reshape(-1, 3)[rough] = total / stage.subrays**2
     return image
 
 
