@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from regrasp.plan import OFF, RELOCATE, Plan
 from regrasp.scene.world import World
+from regrasp.view.ink import AGENT_FORCE, SUPPORT_FORCE
 
 Array = NDArray[np.float64]
 
@@ -20,15 +21,38 @@ class Instant:
     sample: int
 
 
-def choose(plan: Plan, count: int) -> tuple[Instant, ...]:
+@dataclass(frozen=True)
+class Arrow:
+    """A force on the object: its contact (W, m), itself (W, N), and how it is drawn."""
+
+    head: Array
+    force: Array
+    colour: str
+    width: float = 4.0
+
+
+@dataclass(frozen=True)
+class State:
+    """What one frame shows: the model's qpos in an interval of the plan, forces, ways (n, 3) of tips through the interval,
+    and, where the object may be elsewhere, its planned pose (7,)."""
+
+    qpos: Array
+    interval: int
+    arrows: tuple[Arrow, ...]
+    ways: tuple[Array, ...] = ()
+    planned: Array | None = None
+
+
+def choose(plan: Plan, count: int, intervals: int | None = None) -> tuple[Instant, ...]:
     """At most `count` instants: the first, the last, and from every stretch between the one where most happens.
 
-    A relocation tells more than a change of supports, that more than an agent's change of motion.
+    A relocation tells more than a change of supports, that more than an agent's change of motion. intervals: how many
+    of the plan's count, by default all.
     """
-    N, M = plan.time.shape
+    N, M = intervals or len(plan.time), plan.time.shape[1]
     if count == 1:
         return (Instant(N // 2, M // 2),)
-    V, supports = plan.V, plan.support_mode
+    V, supports = plan.V[:N], plan.support_mode[:N]
     news = 4.0 * np.sum(V == RELOCATE, axis=1)
     news[1:] += np.sum(V[1:] != V[:-1], axis=1) + 2.0 * np.sum(supports[1:] != supports[:-1], axis=1)
     between = []
@@ -41,12 +65,36 @@ def choose(plan: Plan, count: int) -> tuple[Instant, ...]:
     return (Instant(0, 0), *between, Instant(N - 1, M - 1))
 
 
+def planned(world: World, plan: Plan, instant: Instant) -> State:
+    """The plan's state at an instant."""
+    data = mujoco.MjData(world.model)
+    ways = []
+    for agent in (
+        agent for agent, code in zip(world.agents, plan.V[instant.interval], strict=True) if code == RELOCATE
+    ):
+        way = []
+        for m in range(plan.time.shape[1]):
+            put(world, plan, Instant(instant.interval, m), data)
+            way.append(data.geom_xpos[agent.tip_geom].copy())
+        ways.append(np.array(way))
+    put(world, plan, instant, data)
+    return State(data.qpos.copy(), instant.interval, _arrows(plan, instant), tuple(ways))
+
+
 def put(world: World, plan: Plan, instant: Instant, data: mujoco.MjData) -> None:
     """Bring `data` into the plan's state at an instant: joints, object, kinematics."""
     j, m = instant.interval, instant.sample
-    data.qpos[:] = world.start
-    data.qpos[np.concatenate([agent.qpos for agent in world.agents])] = plan.joints[j, m]
-    put_object(world, np.concatenate([plan.object_position[j, m], plan.object_quaternion[j, m]]), data)
+    qpos = world.start.copy()
+    qpos[np.concatenate([agent.qpos for agent in world.agents])] = plan.joints[j, m]
+    qpos[world.object_qpos : world.object_qpos + 3] = plan.object_position[j, m]
+    qpos[world.object_qpos + 3 : world.object_qpos + 7] = plan.object_quaternion[j, m]
+    put_all(world, qpos, data)
+
+
+def put_all(world: World, qpos: Array, data: mujoco.MjData) -> None:
+    """Bring `data` into a state of the whole model."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(world.model, data)
 
 
 def put_object(world: World, pose: Array, data: mujoco.MjData) -> None:
@@ -59,3 +107,19 @@ def motion_words(code: int, names: tuple[str, ...]) -> str:
     """A contact motion as it is written in a picture: 'roll +x', 'relocate'."""
     name = names[code]
     return f"{name[:-2]} {name[-2].replace('-', '−')}{name[-1]}" if code not in (0, RELOCATE, OFF) else name
+
+
+def _arrows(plan: Plan, instant: Instant) -> tuple[Arrow, ...]:
+    """The plan's forces of everything that bears force."""
+    at = (instant.interval, instant.sample)
+    found = []
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, plan.object_quaternion[at])
+    for points, forces, colour in (
+        (plan.p_OC_O[at], plan.force_W[at], AGENT_FORCE),
+        (plan.support_p_O[at], plan.support_force_W[at], SUPPORT_FORCE),
+    ):
+        for p_O, f in zip(points, forces, strict=True):
+            if np.isfinite(p_O).all() and np.linalg.norm(f) > 0:
+                found.append(Arrow(plan.object_position[at] + R.reshape(3, 3) @ p_O, f, colour))
+    return tuple(found)

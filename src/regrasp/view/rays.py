@@ -58,31 +58,46 @@ def shapes(model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int]) ->
 @njit(cache=True, nogil=True)
 def cast(shapes: Shapes, origin: Array, rays: Array, geom: Ids, distance: Array, normal: Array) -> None:
     """First hits of unit rays (n, 3) from `origin`, W: geom (n,) or −1, distance (n,) in m or inf, normal (n, 3)."""
-    local, n, best = np.empty(3), np.empty(3), np.empty(3)
+    away, start = from_point(shapes, origin)
+    room = np.empty((2, 3))
+    for ray in range(len(rays)):
+        geom[ray], distance[ray] = first(shapes, away, start, rays[ray], room, normal[ray])
+
+
+@njit(cache=True, nogil=True)
+def from_point(shapes: Shapes, origin: Array) -> tuple[Array, Array]:
+    """What all rays from `origin` (W) share: every geom's centre relative to it in W, and it in every geom's frame."""
     away, start = shapes.p - origin, np.empty((len(shapes.id), 3))
     for i in range(len(shapes.id)):
         start[i] = -shapes.R[i].T @ away[i]
-    for ray in range(len(rays)):
-        geom[ray], distance[ray] = -1, np.inf
-        dx, dy, dz = rays[ray]
-        for i in range(len(shapes.id)):
-            if shapes.bound[i] > 0.0:
-                x, y, z = away[i]
-                along = x * dx + y * dy + z * dz
-                if x * x + y * y + z * z - along * along > shapes.bound[i] ** 2:
-                    continue
-                if along - shapes.bound[i] > distance[ray]:
-                    continue
-            R = shapes.R[i]
+    return away, start
+
+
+@njit(cache=True, nogil=True)
+def first(shapes: Shapes, away: Array, start: Array, ray: Array, room: Array, normal: Array) -> tuple[int, float]:
+    """Geom (−1: none) and distance (m, inf) of the first hit of one unit ray from a point (see `from_point`); the normal
+    there, W, is written if there is one. room (2, 3): to work in."""
+    local, n = room[0], room[1]
+    dx, dy, dz = ray[0], ray[1], ray[2]
+    geom, distance = -1, np.inf
+    for i in range(len(shapes.id)):
+        if shapes.bound[i] > 0.0:
+            x, y, z = away[i, 0], away[i, 1], away[i, 2]
+            along = x * dx + y * dy + z * dz
+            if x * x + y * y + z * z - along * along > shapes.bound[i] ** 2:
+                continue
+            if along - shapes.bound[i] > distance:
+                continue
+        R = shapes.R
+        for c in range(3):
+            local[c] = R[i, 0, c] * dx + R[i, 1, c] * dy + R[i, 2, c] * dz
+        t = _hit(shapes, i, start[i], local, n)
+        if 0.0 < t < distance:
+            geom, distance = shapes.id[i], t
+            length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
             for c in range(3):
-                local[c] = R[0, c] * dx + R[1, c] * dy + R[2, c] * dz
-            t = _hit(shapes, i, start[i], local, n)
-            if 0.0 < t < distance[ray]:
-                distance[ray], geom[ray] = t, shapes.id[i]
-                for c in range(3):
-                    best[c] = R[c, 0] * n[0] + R[c, 1] * n[1] + R[c, 2] * n[2]
-        if geom[ray] >= 0:
-            normal[ray] = best / math.sqrt(best[0] ** 2 + best[1] ** 2 + best[2] ** 2)
+                normal[c] = (R[i, c, 0] * n[0] + R[i, c, 1] * n[1] + R[i, c, 2] * n[2]) / length
+    return geom, distance
 
 
 @njit(cache=True, nogil=True)

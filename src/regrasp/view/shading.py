@@ -1,22 +1,22 @@
 """Shaded pictures of a MuJoCo model by casting rays: no display, no OpenGL, every shape exact."""
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.view.camera import Camera
-from regrasp.view.rays import cast, shapes
+from regrasp.view.rays import Shapes, cast, first, from_point, shapes
 
 Array = NDArray[np.float64]
 
 BACKGROUND = np.array([0.975, 0.975, 0.97])
-FLOOR = np.array([0.90, 0.90, 0.89])
 DRAWN, OBJECT, HIDDEN = 0, 1, 5
 """Geom groups of the model to be drawn: everything else, the object, and what is not to be seen."""
-SUBRAYS = 3
-"""A pixel on an edge is the mean of SUBRAYS² rays."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Stage:
 
     colour (ngeom, 3) in 0…1; marked (ngeom,) whether a geom carries coordinate lines, which show its turning as the
     radial lines of the paper's Fig. 2 do: the object those of its frame, a tip those of its own; centre (3,) and
-    radius: where the interest is, W, m; flat: seen from the side, without shadows.
+    radius: where the interest is, W, m; flat: seen from the side, without shadows; subrays: a pixel on an edge is the
+    mean of subrays² rays.
     """
 
     model: mujoco.MjModel
@@ -34,6 +35,18 @@ class Stage:
     centre: Array
     radius: float
     flat: bool
+    subrays: int = 3
+
+
+class Look(NamedTuple):
+    """How geoms look in one state: colour (ngeom, 3); lined, with coordinate lines of the frame R (ngeom, 3, 3), p
+    (ngeom, 3) in W; plane, a floor or wall."""
+
+    colour: Array
+    lined: NDArray[np.bool_]
+    R: Array
+    p: Array
+    plane: NDArray[np.bool_]
 
 
 def hits(
@@ -47,35 +60,22 @@ def hits(
 
 
 def shade(stage: Stage, data: mujoco.MjData, camera: Camera, pixels: Array) -> Array:
-    """Colours (n, 3) at image points (n, 2): Lambert and sky light, a soft-edged shadow, lines on marked geoms."""
-    rays = camera.rays(pixels)
-    geom, distance, normal = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
-    colour = np.tile(BACKGROUND, (len(rays), 1))
-    hit = np.flatnonzero(geom >= 0)
-    if not hit.size:
-        return colour
-    id, n, p = geom[hit], normal[hit], camera.eye + distance[hit, None] * rays[hit]
-    n = np.where(np.sum(n * rays[hit], axis=1, keepdims=True) > 0, -n, n)
-    base = stage.colour[id]
-    width = camera.pixel_size(float(np.linalg.norm(stage.centre - camera.eye)))
-    base = base * (1 - 0.55 * _lines(stage, data, id, p, n, 1.3 * width))[:, None]
+    """Colours (n, 3) at image points (n, 2): Lambert and sky light, a hard shadow, lines on marked geoms."""
+    model, far = stage.model, float(np.linalg.norm(stage.centre - camera.eye))
+    on_object = (model.geom_group == OBJECT)[:, None]
+    look = Look(
+        stage.colour,
+        stage.marked,
+        np.where(on_object, data.xmat[model.geom_bodyid], data.geom_xmat).reshape(-1, 3, 3),
+        np.where(on_object, data.xpos[model.geom_bodyid], data.geom_xpos),
+        model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE,
+    )
     light = stage.centre + 12 * stage.radius * _light(camera)
-    to_light = light - p
-    far = np.linalg.norm(to_light, axis=1)
-    lambert = np.clip(np.sum(n * to_light, axis=1) / far, 0, 1)
-    if not stage.flat:
-        _, first, _ = hits(stage, data, light, -to_light / far[:, None], (DRAWN, OBJECT))
-        lambert *= np.where(first < far - 2e-3 * stage.radius, 0.35, 1.0)
-    facing = np.clip(-np.sum(n * rays[hit], axis=1), 0, 1)
-    sky = 0.5 + 0.5 * n[:, 2]
-    lit = base * (0.40 + 0.16 * sky + 0.14 * facing + 0.36 * lambert)[:, None]
-    planes = stage.model.geom_type[id] == mujoco.mjtGeom.mjGEOM_PLANE
-    if planes.any():
-        # A floor without end fades into the background around what matters.
-        away = np.linalg.norm(p[planes] - stage.centre, axis=1) / (2.5 * stage.radius)
-        fade = np.clip(1.6 - away, 0, 1)[:, None]
-        lit[planes] = fade * lit[planes] + (1 - fade) * BACKGROUND
-    colour[hit] = np.clip(lit, 0, 1)
+    colour = np.empty((len(pixels), 3))
+    _paint(
+        shapes(model, data, (DRAWN, OBJECT)), look, camera.eye, camera.rays(pixels), light, not stage.flat,
+        stage.centre, stage.radius, 1.3 * camera.pixel_size(far), BACKGROUND, colour,
+    )  # fmt: skip
     return colour
 
 
@@ -94,19 +94,28 @@ def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
         edge[after] |= step
     rough = np.flatnonzero(edge)
     total = np.zeros((len(rough), 3))
-    offsets = (np.arange(SUBRAYS) + 0.5) / SUBRAYS - 0.5
+    offsets = (np.arange(stage.subrays) + 0.5) / stage.subrays - 0.5
     for du in offsets:
         for dv in offsets:
             total += shade(stage, data, camera, centres[rough] + [du, dv])
-    image.reshape(-1, 3)[rough] = total / SUBRAYS**2
+    image.reshape(-1, 3)[rough] = total / stage.subrays**2
     return image
 
 
 def silhouette(stage: Stage, data: mujoco.MjData, camera: Camera) -> NDArray[np.bool_]:
     """Where (height, width) the object's image is, with everything else out of the way."""
-    y, x = np.mgrid[0 : camera.height, 0 : camera.width]
+    inside = np.zeros((camera.height, camera.width), bool)
+    geoms = np.flatnonzero(stage.model.geom_group == OBJECT)
+    centre, bound = data.geom_xpos[geoms], stage.model.geom_rbound[geoms]
+    nearest = np.maximum((centre - camera.eye) @ camera.R[2] - bound, 1e-9)
+    reach = (bound / (nearest * camera.pixel_size(1.0)))[:, None]
+    middle, limit = camera.project(centre), [camera.width, camera.height]
+    left, top = np.clip(np.floor((middle - reach).min(axis=0)), 0, limit).astype(int)
+    right, bottom = np.clip(np.ceil((middle + reach).max(axis=0)), 0, limit).astype(int)
+    y, x = np.mgrid[top:bottom, left:right]
     rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
-    return (hits(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(camera.height, camera.width)
+    inside[top:bottom, left:right] = (hits(stage, data, camera.eye, rays, (OBJECT,))[0] >= 0).reshape(x.shape)
+    return inside
 
 
 def _light(camera: Camera) -> Array:
@@ -115,21 +124,67 @@ def _light(camera: Camera) -> Array:
     return towards / np.linalg.norm(towards)
 
 
-def _lines(stage: Stage, data: mujoco.MjData, geom: NDArray[np.int64], p: Array, n: Array, half_width: float) -> Array:
-    """How much (n,) of each hit lies on a coordinate line of its frame: where x, y or z = 0 cuts a marked surface.
+@njit(cache=True, nogil=True)
+def _paint(
+    shapes: Shapes, look: Look, eye: Array, rays: Array, light: Array, shadows: bool, centre: Array, radius: float,
+    half_width: float, background: Array, colour: Array,
+) -> None:  # fmt: skip
+    """Colours (n, 3) of what unit rays (n, 3) from the eye see. A floor without end fades into the background around
+    what matters: the sphere (centre, radius)."""
+    seen, lit = from_point(shapes, eye), from_point(shapes, light)
+    n, unused, p, down, room = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    for i in range(len(rays)):
+        ray = rays[i]
+        for c in range(3):
+            colour[i, c] = background[c]
+        id, distance = first(shapes, seen[0], seen[1], ray, room, n)
+        if id < 0:
+            continue
+        for c in range(3):
+            p[c] = eye[c] + distance * ray[c]
+        fade = 1.0
+        if look.plane[id]:
+            fade = min(max(1.6 - _apart(p, centre) / (2.5 * radius), 0.0), 1.0)
+            if fade == 0.0:
+                continue
+        facing = -(n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2])
+        side = math.copysign(1.0, facing)
+        far = _apart(p, light)
+        lambert = 0.0
+        for c in range(3):
+            n[c] *= side
+            down[c] = (p[c] - light[c]) / far
+            lambert -= n[c] * down[c]
+        lambert = min(max(lambert, 0.0), 1.0)
+        if shadows and lambert > 0.0:
+            _, lit_at = first(shapes, lit[0], lit[1], down, room, unused)
+            if lit_at < far - 2e-3 * radius:
+                lambert *= 0.35
+        strength = 0.40 + 0.16 * (0.5 + 0.5 * n[2]) + 0.14 * abs(facing) + 0.36 * lambert
+        if look.lined[id]:
+            strength *= 1.0 - 0.55 * _line(look.R[id], look.p[id], p, n, half_width)
+        for c in range(3):
+            own = look.colour[id, c] * strength
+            colour[i, c] = min(max(fade * own + (1.0 - fade) * background[c], 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _line(R: Array, origin: Array, p: Array, n: Array, half_width: float) -> float:
+    """How much of a hit lies on a coordinate line of a frame: where x, y or z = 0 cuts a surface with normal n, W.
 
     The distance to the plane is divided by the slope of the surface against it, so that lines keep their width.
     """
-    on = np.zeros(len(geom))
-    for id in np.unique(geom):
-        if not stage.marked[id]:
-            continue
-        at = geom == id
-        if stage.model.geom_group[id] == OBJECT:
-            body = stage.model.geom_bodyid[id]
-            R, origin = data.xmat[body].reshape(3, 3), data.xpos[body]
-        else:
-            R, origin = data.geom_xmat[id].reshape(3, 3), data.geom_xpos[id]
-        local, slope = (p[at] - origin) @ R, np.sqrt(np.clip(1 - (n[at] @ R) ** 2, 1e-4, 1))
-        on[at] = np.clip(1.5 - np.abs(local) / (half_width * slope), 0, 1).max(axis=1)
+    on = 0.0
+    for c in range(3):
+        away, steep = 0.0, 0.0
+        for r in range(3):
+            away += (p[r] - origin[r]) * R[r, c]
+            steep += n[r] * R[r, c]
+        slope = math.sqrt(min(max(1.0 - steep * steep, 1e-4), 1.0))
+        on = max(on, min(max(1.5 - abs(away) / (half_width * slope), 0.0), 1.0))
     return on
+
+
+@njit(cache=True, nogil=True)
+def _apart(p: Array, q: Array) -> float:
+    return math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
