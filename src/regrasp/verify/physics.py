@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.002
 """Of physics and controller, s."""
+RIGID = 2.0 * PERIOD
+"""Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in by 0.3 mm per newton, which
+the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
 FIXTURE = "start fixture"
 
 
@@ -131,9 +134,10 @@ class Physics:
         weld = spec.add_equality(
             name=FIXTURE, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="world", name2="object"
         )
-        weld.solref = [2.0 * PERIOD, 1.0]
+        weld.solref = [RIGID, 1.0]
         self.model = model = spec.compile()
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a reset would hide that numbers went bad
+        model.geom_solref[:] = RIGID, 1.0
         k = len(world.agents)
         model.geom_friction[[agent.tip_geom for agent in world.agents], 0] *= reality.friction[:k]
         model.geom_friction[world.support_geoms, 0] *= reality.friction[k:]
