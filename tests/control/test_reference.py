@@ -151,7 +151,9 @@ def test_forces_build_up_evenly_between_touch_and_start(case):
     assert not ref.bears[: ref.touch].any()
     first = ref.force_W[ref.start]
     full = ref.touch + round(PHASES.load / PERIOD)
-    assert np.array_equal(ref.force_W[full - 1 : ref.start], np.broadcast_to(first, (ref.start - full + 1, *first.shape)))
+    assert np.array_equal(
+        ref.force_W[full - 1 : ref.start], np.broadcast_to(first, (ref.start - full + 1, *first.shape))
+    )
     steps = np.diff(ref.force_W[ref.touch - 1 : full], axis=0)
     np.testing.assert_allclose(steps, np.broadcast_to(first / (full - ref.touch), steps.shape), atol=1e-12)
     assert np.array_equal(ref.bears[ref.touch], ref.bears[ref.start])

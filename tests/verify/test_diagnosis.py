@@ -116,7 +116,9 @@ def test_a_drive_at_its_limit_is_told():
 
 
 def test_a_contact_that_the_plan_does_not_have_is_told():
-    run = dataclasses.replace(drifting(fine()), touches=(Touch("link3", "post", 160 * TICK), Touch("object", "post", 0.7)))
+    run = dataclasses.replace(
+        drifting(fine()), touches=(Touch("link3", "post", 160 * TICK), Touch("object", "post", 0.7))
+    )
     interval, time, who, why = told(run)
     assert (interval, who, why) == (1, "object", "touched post")
     assert time == pytest.approx(0.7, abs=TICK)

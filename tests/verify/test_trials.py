@@ -98,7 +98,9 @@ def test_a_standing_object_is_shifted_along_its_supports_only(handmade, normals)
         found, _ = on_supports(plan, shift, np.zeros(3))
         np.testing.assert_allclose(np.array(normals) @ found, 0.0, atol=1e-14)
         span = np.array(normals).T
-        np.testing.assert_allclose(span @ np.linalg.lstsq(span, shift - found, rcond=None)[0], shift - found, atol=1e-12)
+        np.testing.assert_allclose(
+            span @ np.linalg.lstsq(span, shift - found, rcond=None)[0], shift - found, atol=1e-12
+        )
 
 
 def test_an_object_on_several_points_turns_about_their_normal_only(handmade):
@@ -120,7 +122,11 @@ def test_a_support_that_is_not_touched_at_the_start_does_not_count(handmade):
     ("field", "value"),
     [
         *((field, value) for field in ("friction", "mass") for value in (-0.1, 1.0, np.nan)),
-        *((field, value) for field in ("position", "rotation", "timing", "noise_position") for value in (-1e-3, np.inf)),
+        *(
+            (field, value)
+            for field in ("position", "rotation", "timing", "noise_position")
+            for value in (-1e-3, np.inf)
+        ),
     ],
 )
 def test_impossible_ranges_are_refused(field, value):
