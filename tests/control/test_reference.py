@@ -174,6 +174,15 @@ def test_the_table_ends_at_the_goal_at_any_period(case, period):
     np.testing.assert_allclose(ref.p_WO[[ref.start, ref.end]], plan.object_position[[0, -1], [0, -1]], atol=1e-12)
 
 
+def test_phases_may_be_left_out(case):
+    """Each takes one period at least: the fingers still touch, load and settle in this order."""
+    plan, world = case
+    ref = reference(plan, world, PERIOD, Phases(0.0, 0.0, 0.0, 0.0, 0.0))
+    assert (ref.touch, ref.start, len(ref) - 1 - ref.end) == (1, 3, 1)
+    assert np.array_equal(ref.q[: ref.start], np.broadcast_to(plan.joints[0, 0], (3, plan.joints.shape[2])))
+    assert np.array_equal(ref.force_W[1], ref.force_W[ref.start])
+
+
 def changes(bears: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(bears)) + 1
 

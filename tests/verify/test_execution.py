@@ -1,6 +1,7 @@
 """Plans written by hand do in physics what they say; what goes wrong there is seen and told."""
 
 import dataclasses
+import xml.etree.ElementTree as ElementTree
 
 import mujoco
 import numpy as np
@@ -185,6 +186,17 @@ def test_a_contact_that_the_plan_does_not_have_is_noted(tmp_path):
     assert 0.5 < meets < 1.0
     assert {run.touches[0].first, run.touches[0].second} == {"object/0", "post"}
     assert run.touches[0].time == pytest.approx(meets, abs=0.03)
+
+
+@pytest.mark.parametrize(("limit", "strained"), [(10.0, False), (0.1, True)])
+def test_a_drive_at_its_limit_is_recorded(limit, strained, handmade):
+    """The finger presses the ball on the table with two weights at a lever of some 15 cm: 0.2 to 0.3 N m at the base."""
+    plan, _ = handmade["finger"]
+    root = ElementTree.fromstring(plan.xml)
+    joint = next(each for each in root.iter("joint") if each.get("name") == plan.joint_names[0])
+    joint.set("actuatorfrcrange", f"{-limit} {limit}")
+    run = executed(dataclasses.replace(plan, xml=ElementTree.tostring(root, encoding="unicode")))
+    assert run.strained.any() == strained
 
 
 def test_feedback_puts_a_displaced_object_in_its_place(handmade):
