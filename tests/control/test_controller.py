@@ -202,6 +202,17 @@ def test_an_object_on_its_path_is_left_alone(restless):
         eyes.see(row, ref.p_WO[row], ref.R_WO[row])
 
 
+def test_before_the_object_is_carried_nothing_winds_up(restless):
+    """Loaded against an object that is held elsewhere, the fingers keep their targets."""
+    plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))
+    ref = reference(plan, world, 0.02, Phases())
+    eyes = Controller(world, ref, Feedback())
+    for row in range(ref.touch, ref.start):
+        command = eyes.command(row, ref.q[row], ref.qd[row])
+        np.testing.assert_allclose(command.q, ref.q[row], atol=1e-12)
+        eyes.see(row, ref.p_WO[row] + 2e-3, ref.R_WO[row])
+
+
 def test_an_object_left_behind_is_pushed_on(restless):
     """Carried and lagging, it is sent ahead: the tips are displaced against the error."""
     plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))

@@ -66,6 +66,19 @@ def test_the_rows_of_the_plan_are_its_splines_slerps_and_linear_forces(case):
         assert not ref.force_W[row, ~on].any()
 
 
+def test_at_a_change_of_contact_the_new_interval_counts(case):
+    """Intervals of half a second and a period of 1/64 s: every change falls on a row, to the bit."""
+    plan, world = case
+    N, M = plan.time.shape
+    even = dataclasses.replace(plan, time=0.5 * (np.arange(N)[:, None] + np.linspace(0.0, 1.0, M)))
+    ref = reference(even, world, 1 / 64, PHASES)
+    rows = ref.start + 32 * np.arange(N)
+    assert np.array_equal(ref.interval[rows], np.arange(N))
+    assert np.array_equal(ref.bears[rows], np.isfinite(plan.p_OC_O[:, 0, :, 0]))
+    np.testing.assert_allclose(ref.force_W[rows], plan.force_W[:, 0], atol=1e-12)
+    np.testing.assert_allclose(ref.q[rows], plan.joints[:, 0], atol=1e-12)
+
+
 def test_the_rates_are_the_joints_derivative(case):
     """Central differences of a cubic are off by h² q'''/6: halving the period quarters the error."""
     plan, world = case

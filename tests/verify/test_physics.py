@@ -200,3 +200,17 @@ def test_the_world_as_planned_is_the_plans(handmade):
     assert physics.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     assert physics.model.opt.impratio >= 10
     assert physics.model.opt.noslip_iterations >= 10
+
+
+def test_a_bad_number_stays(tmp_path, monkeypatch):
+    """By default MuJoCo would put the world back to its start, time and all, and go on."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo keeps a log of its warnings
+    world = arm(tmp_path)
+    physics = Physics(world, nominal(world), WANTED)
+    rest = Command(np.zeros(3), np.zeros(3), np.zeros(3))
+    for n in range(10):
+        if n == 5:
+            physics.data.qvel[world.agents[0].dofs[1]] = np.nan
+        physics.step(rest)
+    assert physics.data.time == pytest.approx(10 * PERIOD)
+    assert not np.isfinite(physics.qd).all()

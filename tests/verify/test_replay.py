@@ -77,14 +77,17 @@ def test_leaving_the_tube_on_the_way_is_no_success(handmade, monkeypatch):
     bench = Bench(armed(handmade["hold"][0]), Control())
     run = bench.run("open", nominal(bench.world), np.random.default_rng(0))
     error = run.error.copy()
-    for way, passed in ((0.9 * TUBE[0], True), (1.1 * TUBE[0], False)):
-        error[len(error) // 2, 0] = way
+    cases = [(axis, share) for axis in (0, 3) for share in (0.9, 1.1)]
+    for axis, share in cases:
+        way, passed = share * TUBE[axis // 3], share < 1.0
+        error[len(error) // 2] = 0.0
+        error[len(error) // 2, axis] = way
         shown = dataclasses.replace(run, error=error)
         monkeypatch.setattr(Bench, "run", lambda *_, shown=shown: shown)
         verdict = bench.nominal("open")
         assert verdict.passed is passed
         assert verdict.failure is None
-        assert verdict.largest[0] == pytest.approx(way, abs=1e-6)
+        assert verdict.largest[axis // 3] == pytest.approx(way, abs=1e-6)
 
 
 def test_the_tolerance_grows_with_objects_of_more_than_a_decimetre(handmade):
