@@ -99,10 +99,10 @@ def test_help_and_version_load_no_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-    assert all(name in done.stdout for name in ("plan", "check", "scenes", "render", "bench"))
+    assert all(name in done.stdout for name in ("plan", "check", "replay", "scenes", "render", "bench"))
 
 
-@pytest.mark.parametrize("command", ["plan", "check", "scenes", "render", "bench"])
+@pytest.mark.parametrize("command", ["plan", "check", "replay", "scenes", "render", "bench"])
 def test_every_command_has_help(command, capsys, planner):
     planner(outcome)
     with pytest.raises(SystemExit) as end:
@@ -118,6 +118,10 @@ def test_every_command_has_help(command, capsys, planner):
         (["scenes", "--foo"], "--foo"),
         (["check"], "PLAN"),
         (["check", "missing.npz"], "missing.npz"),
+        (["replay"], "PLAN"),
+        (["replay", "missing.npz"], "missing.npz"),
+        (["replay", "x.npz", "--trails", "3"], "--trials"),
+        (["replay", "x.npz", "--control.impedance.lever", "-1"], "lever"),
         (["render", "x.npz", "-o", "x.png", "--frames", "many"], "many"),
         (["render", "x.npz", "-o", "x.png", "--frmes", "3"], "--frames"),
         (["render", "x.npz", "-o", "x.jpg"], ".png"),
@@ -244,10 +248,9 @@ def test_scenes_lists_the_built_in_ones(capsys):
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkeypatch):
-    module = types.ModuleType("regrasp.bench")
+    module = types.ModuleType("regrasp.bench.scenes")
     module.scenes = lambda seeds: {"passed": passed, "seeds": seeds}
-    monkeypatch.setitem(sys.modules, "regrasp.bench", module)
-    monkeypatch.setattr("regrasp.bench", module, raising=False)
+    monkeypatch.setitem(sys.modules, "regrasp.bench.scenes", module)
     assert main(["bench", "scenes", "--seeds", "3", "--json"]) == code
     assert json.loads(capsys.readouterr().out) == {"exit": code, "bench": "scenes", "passed": passed, "seeds": 3}
 

@@ -57,6 +57,8 @@ class Controller:
         mujoco.mj_comVel(model, data)
         torque = np.empty(model.nv)
         mujoco.mj_rne(model, data, 0, torque)
+        mujoco.mj_passive(model, data)
+        torque -= data.qfrc_spring + data.qfrc_gravcomp  # what the model holds by itself
         force, where = ref.force_W[row], ref.p_WC[row]
         for i, agent in enumerate(self.world.agents):
             if ref.bears[row, i]:

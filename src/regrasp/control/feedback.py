@@ -30,6 +30,14 @@ class Feedback:
     reach: float = 0.015
     bend: float = 0.35
 
+    def __post_init__(self) -> None:
+        for name in ("period", "smoothing"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: more than 0")
+        for name in ("rate", "reach", "bend"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+
 
 @dataclass(frozen=True)
 class State:

@@ -32,6 +32,11 @@ class Phases:
     settle: float = 0.2
     hold: float = 0.5
 
+    def __post_init__(self) -> None:
+        for name in ("standoff", "approach", "load", "settle", "hold"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+
 
 @dataclass(frozen=True)
 class Reference:

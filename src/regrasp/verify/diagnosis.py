@@ -74,7 +74,7 @@ def _events(run: Execution, names: Sequence[str]) -> list[tuple[int, str, str]]:
     for i, name in enumerate(names):
         gone = np.convolve(heavy[:, i] & run.bears[:, i] & (measured[:, i] == 0.0), np.ones(window))[: len(run.time)]
         if np.any(gone >= window):
-            found.append((int(np.argmax(gone >= window)), name, "lost contact"))
+            found.append((int(np.argmax(gone >= window)) + 1 - window, name, "lost contact"))
         if run.slip[-1, i] > SLIPPED:
             found.append(
                 (int(np.argmax(run.slip[:, i] > SLIPPED)), name, f"slipped, by {1e3 * run.slip[-1, i]:.1f} mm in all")

@@ -98,7 +98,7 @@ def execute(
             turn = Rotation.from_rotvec(reality.noise[1] * rng.standard_normal(3)).as_matrix()
             controller.see(row, physics.p_WO + reality.noise[0] * rng.standard_normal(3), turn @ physics.R_WO)
         physics.step(command)
-        if row % EVERY == 0:
+        if row % EVERY == 0 or physics.data.warning.number.any():  # a bad number is soon in every body
             trouble = find_trouble(world, physics, reference, row)
             if trouble:
                 break

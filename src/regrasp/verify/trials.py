@@ -61,8 +61,7 @@ def on_supports(plan: Plan, shift: Array, turn: Array) -> tuple[Array, Array]:
     where more than one point touches; a single point lets it roll about itself."""
     standing = plan.support_mode[0] != NONE
     normals = plan.support_n_W[0, 0, standing]
-    for n in normals:
-        shift = shift - (shift @ n) * n
+    shift = shift - np.linalg.pinv(normals) @ (normals @ shift)
     if len(normals) > 1:
         turn = (turn @ normals[0]) * normals[0]
     return shift, turn
