@@ -244,9 +244,14 @@ def _replay(arguments: list[str]) -> Answer:
     result = replay(found, trials, seed, control, ranges, cores)
     answer = {"plan": str(path), **result.to_dict()}
     if output is not None:
-        from regrasp.view import film
+        from regrasp.view.film import clip, prepare, replayed
 
-        film.write(found, result.nominal[-1].run, output)
+        shown = result.nominal[-1]
+        film = prepare(found, shown.run)
+        if output.suffix.lower() == ".gif":
+            clip(film, output)
+        else:
+            replayed(film, shown.tolerance, shown.tube).save(output)
         answer["picture"] = str(output)
     for each in result.nominal:
         if not each.passed:

@@ -19,6 +19,7 @@ from regrasp.planner.loads import Loads, forces, least_grip, place
 from regrasp.planner.motion import Motion
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
+from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support
 from regrasp.planner.timing import Timing, durations
 from regrasp.scene.world import World
@@ -49,18 +50,18 @@ def pose_row(pose: Pose) -> Array:
 
 def assemble(
     world: World, hand: Hand, segments: list[Segment], subgoals: list[Pose], supports: tuple[Support, ...],
-    margin: float, loads: Loads, timing: Timing, seed: int, settings: Any,
+    margins: Margins, loads: Loads, timing: Timing, seed: int, settings: Any,
 ) -> Plan | Failure:  # fmt: skip
     """The plan of consecutive segments along the subgoals (one more than segments), or why no forces carry it.
 
-    margin: part of μ that rolling and resting contacts leave unused.
+    margins: what the forces leave unused.
     """
     motions = [segment.motion for segment in segments]
     joint, support_names = joined(motions, supports)
     course = with_hand_overs(joint)
     mu = {support.name: support.mu for support in supports}
     contacts = contacts_of(course, hand, np.array([mu[name] for name in support_names]), np.array(world.scene.gravity))
-    f = forces(contacts, margin, loads)
+    f = forces(contacts, margins, loads)
     if isinstance(f, Failure):
         return f
     k, names = len(world.agents), tuple(agent.name for agent in world.agents)
@@ -99,7 +100,7 @@ def assemble(
         settings=dataclasses.asdict(settings),
         versions=versions(),
         feasible=all(not motion.violations for motion in motions),
-        remarks=remarks(contacts, f, loads.grip, names),
+        remarks=remarks(contacts, f, margins.grip, names),
     )
 
 
@@ -109,7 +110,7 @@ def remarks(contacts: Contacts, f: Array, grip: float, names: tuple[str, ...]) -
     if normal >= (1.0 - 1e-3) * grip:
         return ()
     j, i = where
-    said = f"{names[i]} presses with only {normal:.2g} weights in {place(contacts, j)} (planner.loads.grip is {grip:g})"
+    said = f"{names[i]} presses with only {normal:.2g} weights in {place(contacts, j)} (planner.local.energy.grip is {grip:g})"
     return (said,)
 
 

@@ -11,6 +11,7 @@ from regrasp.kernels.surfaces import tangents
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y, whole
 from regrasp.planner.path import Path
+from regrasp.planner.reserve import Margins, shares, spare
 from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
@@ -33,12 +34,12 @@ def slide_direction(code: int, x: Array, y: Array, t: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def contact_columns(
-    hand: Hand, i: int, code: int, p_OC: Array, n: Array, t: Array, margin: float, lp: Program, first: int
+    hand: Hand, i: int, code: int, p_OC: Array, n: Array, t: Array, margins: Margins, lp: Program, first: int
 ) -> int:
     """Write agent i's contact into the LP, in O about the centre of mass; returns the number of columns written.
 
     n is the object's outward normal; t the slip direction of a sliding contact, whose force lies on the boundary ray of
-    the true cone. Rolling and resting contacts use (1 − margin) μ, so that plans keep off the edge of their cones.
+    the true cone. Rolling and resting contacts leave a part of μ unused, so that plans keep off the edge of their cones.
     """
     p, n_in, x, y = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for a in range(3):
@@ -50,7 +51,7 @@ def contact_columns(
         count = 1
     else:
         tangents(n, x, y)
-        friction_edges(p, n_in, x, y, (1.0 - margin) * hand.mu[i], hand.radius, lp.A, first)
+        friction_edges(p, n_in, x, y, (1.0 - margins.friction) * hand.mu[i], hand.radius, lp.A, first)
     for c in range(first, first + count):
         lp.cost[c] = 1.0
         lp.group[c] = i
@@ -58,7 +59,7 @@ def contact_columns(
 
 
 @njit(cache=True, nogil=True)
-def support_columns(hand: Hand, path: Path, j: int, s: int, margin: float, lp: Program, first: int) -> int:
+def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp: Program, first: int) -> int:
     """Write the passive contacts at sample s of interval j into the LP: they bear force and cost no effort."""
     p, x, y = np.empty(3), np.empty(3), np.empty(3)
     at = first
@@ -74,7 +75,7 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margin: float, lp: P
             ray(p, n, path.support_t_O[j, s, column], path.support_mu[column], hand.radius, lp.A, at)
         else:
             tangents(n, x, y)
-            friction_edges(p, n, x, y, (1.0 - margin) * path.support_mu[column], hand.radius, lp.A, at)
+            friction_edges(p, n, x, y, (1.0 - margins.friction) * path.support_mu[column], hand.radius, lp.A, at)
             count = EDGES
         for c in range(at, at + count):
             lp.cost[c] = 0.0
@@ -84,13 +85,29 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margin: float, lp: P
 
 
 @njit(cache=True, nogil=True)
-def least_share(code: int, grip: float) -> float:
-    """The least λ of each column of an agent's contact: its columns bear `grip` together.
+def spares(
+    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int8], p_OC: Array,
+    margins: Margins, least: Array,
+) -> None:  # fmt: skip
+    """least (k,): the normal force in weights that each agent has to spare, 0 for those that do not bear.
 
-    The mean of a cone's edges is its normal, so a rolling contact's cone is moved up its normal by grip. Within the
-    normal forces from grip on this is less than the cone itself: it also keeps (1 − margin) μ grip off the cone's edge.
+    Supports that stick share the disturbance; a sliding contact's force follows its normal force and shares none.
     """
-    return grip if is_sliding(code) else grip / EDGES
+    k, slots = len(bears), path.support_mode.shape[1]
+    p, sticks, share = np.zeros((k + slots, 3)), np.zeros(k + slots, np.uint8), np.zeros(k + slots)
+    for i in range(k):
+        if bears[i] and not is_sliding(whole(codes[i])):
+            sticks[i] = 1
+            for a in range(3):
+                p[i, a] = (p_OC[i, a] - hand.p_OM_O[a]) / hand.radius
+    for column in range(slots):
+        if path.support_mode[j, column] == STICK:
+            sticks[k + column] = 1
+            for a in range(3):
+                p[k + column, a] = (path.support_p_O[j, s, column, a] - hand.p_OM_O[a]) / hand.radius
+    shares(p, sticks, hand.shifts, hand.turns, share)
+    for i in range(k):
+        least[i] = spare(margins, hand.mu[i], share[i], hand.cap[i]) if bears[i] else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -104,35 +121,36 @@ def balance(
     p_OC: Array,
     n: Array,
     t: Array,
-    margin: float,
-    grip: float,
+    margins: Margins,
     lp: Program,
 ) -> tuple[bool, float, int]:
     """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, columns written).
 
-    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O. grip: the
-    least normal force of each of them, in weights. Lower bounds are taken off the variables before the solution, with
-    what they bear and of the caps, and put on afterwards: y = 0 stays dual feasible.
+    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
+
+    What an agent has to spare it bears at least, evenly on the columns of its contact: as the mean of a cone's edges is its
+    normal, a rolling contact's cone is moved up its normal by it. These lower bounds are taken off the variables before
+    the solution, with what they bear and of the caps, and put on afterwards: y = 0 stays dual feasible.
     """
     columns = whole(0)
     for a in range(3):
         lp.b[a] = path.up_O[j, s, a]
         lp.b[3 + a] = 0.0
+    least = np.empty(len(bears))
+    spares(hand, path, j, s, bears, codes, p_OC, margins, least)
     for i in range(len(bears)):
-        lp.cap[i] = hand.cap[i]
+        lp.cap[i] = hand.cap[i] - least[i]
         if bears[i]:
-            count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margin, lp, columns)
-            least = least_share(codes[i], grip)
+            count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margins, lp, columns)
+            least[i] /= count
             for c in range(columns, columns + count):
                 for row in range(6):
-                    lp.b[row] -= least * lp.A[row, c]
-            lp.cap[i] -= grip
+                    lp.b[row] -= least[i] * lp.A[row, c]
             columns += count
-    columns += support_columns(hand, path, j, s, margin, lp, columns)
+    columns += support_columns(hand, path, j, s, margins, lp, columns)
     status, value, _ = solve(lp, columns, False)
     for c in range(columns):
         if lp.group[c] >= 0:
-            least = least_share(codes[lp.group[c]], grip)
-            lp.solution[c] += least
-            value += least
+            lp.solution[c] += least[lp.group[c]]
+            value += least[lp.group[c]]
     return status == OPTIMAL, value, columns

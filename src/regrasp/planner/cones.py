@@ -9,12 +9,13 @@ from scipy import sparse
 
 from regrasp.plan import NONE, SLIDE
 from regrasp.planner.contacts import Contacts, bases, wrenches
+from regrasp.planner.reserve import Margins, shares, spare
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PENALTY = 1e3
-"""P: large enough that a contact presses less than `grip` only where it must."""
+"""P: large enough that a contact has less to spare only where it must."""
 JOIN = 100.0
 """Weight, in ω, of a change that has no time: where a sliding contact's direction jumps from one interval to the next."""
 SAME = 1e-6
@@ -112,7 +113,7 @@ class Rows:
         return sparse.csc_matrix((values, (row, column)), (self.count, width))
 
 
-def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothness: float) -> Array | None:
+def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float) -> Array | None:
     """The forces at the nodes, in the basis (B, C, 3), or None where there are none.
 
     Whether what it returns is exact enough is for the caller to say.
@@ -120,12 +121,13 @@ def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothne
     bears = nodes.free[..., 0]
     count = int(np.sum(nodes.free))
     column = np.where(nodes.free, np.cumsum(nodes.free).reshape(nodes.free.shape) - 1, -1)
-    short = bears & contacts.grips & (grip > 0.0)  # contacts with an unknown for what they lack of the grip
+    least = spares(contacts, nodes, margins)
+    short = bears & (least > 0.0)  # contacts with an unknown for what they lack
     lack = count + np.cumsum(short).reshape(short.shape) - 1
     width = count + int(np.sum(short))
     linear = np.zeros(width)
     linear[count:] = PENALTY
-    rows = constraints(contacts, nodes, margin, grip, column, short, lack)
+    rows = constraints(contacts, nodes, margins.friction, least, column, short, lack)
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.direct_solve_method = "qdldl"  # one thread: the same forces on every machine
@@ -136,6 +138,18 @@ def solve(contacts: Contacts, nodes: Nodes, margin: float, grip: float, smoothne
         return None
     x = np.append(np.asarray(answer.x), 0.0)
     return np.where(nodes.free, x[column], 0.0)
+
+
+def spares(contacts: Contacts, nodes: Nodes, margins: Margins) -> Array:
+    """The normal force, in weights, that each contact has to spare at each node (B, C), as in the search's program."""
+    least = np.zeros(nodes.free.shape[:2])
+    sticks = (nodes.free[..., 0] & ~nodes.ray).astype(np.uint8)
+    share = np.zeros(sticks.shape[1])
+    for b in range(len(sticks)):
+        shares(nodes.p[b], sticks[b], contacts.shifts, contacts.turns, share)
+        for i in np.flatnonzero(contacts.grips):
+            least[b, i] = spare(margins, contacts.mu[i], share[i], contacts.cap[i])
+    return np.where(nodes.free[..., 0], least, 0.0)
 
 
 def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> sparse.csc_matrix:
@@ -152,9 +166,10 @@ def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> spar
 
 
 def constraints(
-    contacts: Contacts, nodes: Nodes, margin: float, grip: float, column: Ints, short: NDArray[np.bool_], lack: Ints
+    contacts: Contacts, nodes: Nodes, margin: float, least: Array, column: Ints, short: NDArray[np.bool_], lack: Ints
 ) -> Rows:
-    """Equilibrium, limits, grip and friction at every node, in the unknowns `column` of forces and `lack` of the grip."""
+    """Equilibrium, limits and friction at every node, in the unknowns `column` of forces and `lack` of what they lack of
+    the normal force to spare, least (B, C)."""
     bears = nodes.free[..., 0]
     normal = np.einsum("bca,bcae->bce", nodes.inward, nodes.basis)
     rows = Rows()
@@ -164,7 +179,7 @@ def constraints(
     side = np.tile(np.append(contacts.load_W, np.zeros(3)), B)
     rows.add(wrenches(nodes.p, nodes.basis), six, column[:, :, None], side, [clarabel.ZeroConeT(6 * B)])
 
-    def bound(at: NDArray[np.bool_], sign: float, side: Array | float) -> None:
+    def bound(at: NDArray[np.bool_], sign: float, side: Array) -> None:
         """sign · f_n ≤ side, or, where the contact has an unknown for what it lacks, sign · f_n − lack ≤ side."""
         b, c = np.nonzero(at)
         values, columns = sign * normal[b, c], column[b, c]
@@ -172,19 +187,28 @@ def constraints(
             values = np.column_stack([values, -np.ones(len(b))])
             columns = np.column_stack([columns, lack[b, c]])
         cones = [clarabel.NonnegativeConeT(len(b))] if len(b) else []
-        rows.add(values, np.arange(len(b))[:, None], columns, np.broadcast_to(side, contacts.cap.shape)[c], cones)
+        rows.add(values, np.arange(len(b))[:, None], columns, side[b, c], cones)
 
-    bound(bears & nodes.ray, -1.0, 0.0)
-    bound(bears & np.isfinite(contacts.cap), 1.0, contacts.cap)
-    bound(short, -1.0, -grip)
+    bound(bears & nodes.ray, -1.0, np.zeros(bears.shape))
+    bound(bears & np.isfinite(contacts.cap), 1.0, np.broadcast_to(contacts.cap, bears.shape))
+    bound(short, -1.0, -least)
     lacks = lack[short]
-    cones = [clarabel.NonnegativeConeT(len(lacks))] if len(lacks) else []
-    rows.add(-np.ones(len(lacks)), np.arange(len(lacks)), lacks, np.zeros(len(lacks)), cones)
+    each = np.arange(len(lacks))
+    for sign, side in ((-1.0, np.zeros(len(lacks))), (1.0, least[short])):  # 0 ≤ lack ≤ least
+        cones = [clarabel.NonnegativeConeT(len(lacks))] if len(lacks) else []
+        rows.add(np.full(len(lacks), sign), each, lacks, side, cones)
 
-    # The cones of contacts that rest or roll; their basis is the axes of W.
+    # The cones of contacts that rest or roll, moved up their normals by least − lack; their basis is the axes of W.
     b, c = np.nonzero(bears & ~nodes.ray)
     n = nodes.inward[b, c]
-    cone = np.concatenate([((1.0 - margin) * contacts.mu[c])[:, None, None] * n[:, None], tangents(n)], axis=1)
+    use = (1.0 - margin) * contacts.mu[c]
+    cone = np.zeros((len(b), 3, 4))
+    cone[:, 0, :3] = use[:, None] * n
+    cone[:, 0, 3] = np.where(short[b, c], use, 0.0)
+    cone[:, 1:, :3] = tangents(n)
     three = 3 * np.arange(len(b))[:, None, None] + np.arange(3)[:, None]
-    rows.add(-cone, three, column[b, c][:, None], np.zeros(3 * len(b)), [clarabel.SecondOrderConeT(3)] * len(b))
+    columns = np.column_stack([column[b, c], np.where(short[b, c], lack[b, c], -1)])
+    side = np.zeros((len(b), 3))
+    side[:, 0] = -use * np.where(short[b, c], least[b, c], 0.0)
+    rows.add(-cone, three, columns[:, None], side.ravel(), [clarabel.SecondOrderConeT(3)] * len(b))
     return rows

@@ -18,7 +18,8 @@ class Contacts:
 
     mode (N, C): no force, sticks or slides. p_W (N, M, C, 3): from the centre of mass; inward_W: unit normal into the object;
     slip_W: unit direction of friction where it slides. mu (C,); cap (C,): largest normal force, inf for none.
-    grips (C,): which are agents. load_W (3,): what the forces add up to. moves (N,): false where nothing does; segment (N,).
+    grips (C,): which are agents. shifts, turns (3,): axes of disturbances, as in `Hand`.
+    load_W (3,): what the forces add up to. moves (N,): false where nothing does; segment (N,).
     """
 
     mode: NDArray[np.int8]
@@ -28,6 +29,8 @@ class Contacts:
     mu: Array
     cap: Array
     grips: NDArray[np.bool_]
+    shifts: Array
+    turns: Array
     load_W: Array
     moves: NDArray[np.bool_]
     segment: NDArray[np.int64]
@@ -48,6 +51,8 @@ def contacts_of(course: Course, hand: Hand, support_mu: Array, gravity: Array) -
         mu=np.concatenate([hand.mu, support_mu]),
         cap=np.concatenate([hand.cap, np.full(P, np.inf)]),
         grips=np.arange(k + P) < k,
+        shifts=hand.shifts,
+        turns=hand.turns,
         load_W=-gravity / g if g > 0.0 else np.zeros(3),
         moves=course.moves,
         segment=course.segment,

@@ -26,6 +26,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import OFF, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion, relocate, stand_on
+from regrasp.planner.reserve import Margins
 from regrasp.planner.state import State, copy_agent, copy_motion, copy_terms, same_agent
 from regrasp.planner.supports import SLIDE, STICK
 
@@ -44,6 +45,8 @@ class Energy:
     change K_g: per change of an agent's contact motion. stability K_h: per interval and contact that sticks too few.
     clearance: m, kept between bodies that may not touch. friction_margin: part of μ that rolling and resting contacts
     leave unused. grip: least normal force of every agent that bears, in weights.
+    disturbance: standard deviation, in weights and weights times radius, of each component of a wrench that the contacts must
+    bear as springs beside what is planned.
     """
 
     collision: float = 10.0
@@ -53,13 +56,21 @@ class Energy:
     stability: float = 1.0
     clearance: float = 0.0015
     friction_margin: float = 0.3
-    grip: float = 0.1
+    grip: float = 0.05
+    disturbance: float = 0.1
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.friction_margin < 1.0:
             raise ValueError(f"friction_margin is {self.friction_margin}, legal: 0 ≤ friction_margin < 1")
         if not self.grip >= 0.0:
             raise ValueError(f"grip is {self.grip}, legal: 0 or more weights")
+        if not self.disturbance >= 0.0:
+            raise ValueError(f"disturbance is {self.disturbance}, legal: 0 or more weights")
+
+    @property
+    def margins(self) -> Margins:
+        """What the force program leaves unused."""
+        return Margins(self.friction_margin, self.grip, self.disturbance)
 
 
 class Terms(Record):
@@ -71,8 +82,7 @@ class Terms(Record):
     change: float
     stability: float
     clearance: float
-    margin: float
-    grip: float
+    margins: Margins
     outlook: float
     tries: int
     high: float
@@ -180,7 +190,7 @@ def move_freely(hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, 
     q = np.empty((path.R_WO.shape[1], n_a))
     if state.V[j, i] == RELOCATE:
         c, way = relocate(
-            hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margin, terms.grip, terms.outlook,
+            hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margins, terms.outlook,
             terms.tries, terms.high, work.lp, work.score, q,
         )  # fmt: skip
         state.chosen[j, i] = c
@@ -265,14 +275,14 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
         start = new.end[j - 1]
     else:
         held, value, _ = balance(
-            hand, path, j, whole(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margin,
-            terms.grip, work.lp,
+            hand, path, j, whole(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margins,
+            work.lp,
         )  # fmt: skip
         if held:
             start = value
     held, value, _ = balance(
-        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margin,
-        terms.grip, work.lp,
+        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margins,
+            work.lp,
     )  # fmt: skip
     new.end[j] = value if held else np.inf
     fine = start < np.inf and held

@@ -27,6 +27,7 @@ from regrasp.planner.relocation import (
     touch,
     touch_down,
 )
+from regrasp.planner.reserve import Margins
 from regrasp.planner.state import State, empty_state
 from regrasp.scene.schema import Contact
 
@@ -133,7 +134,7 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
 @njit(cache=True, nogil=True)
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, state: State, terms: Terms, agents: NDArray[np.int64],
-    choice: NDArray[np.int64], margin: float, kept: Array, ahead: Array,
+    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead: Array,
     bound: float, lp: Program,
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
@@ -155,11 +156,11 @@ def grasp_cost(
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
-    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margin, terms.grip, lp)
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, lp)
     if not held:
         return np.inf
-    cost += value + terms.outlook * indispensable(hand, path, start, start, bears, p, normal, margin, terms.grip, lp)
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margin, terms.grip, lp)
+    cost += value + terms.outlook * indispensable(hand, path, start, start, bears, p, normal, margins, lp)
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, lp)
     if not held:
         cost += 2.0 * terms.outlook
     else:
@@ -220,13 +221,14 @@ def find_grasp(
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
-    margin = max(terms.margin, 1.0 - settings.friction_use)
+    most = max(terms.margins.friction, 1.0 - settings.friction_use)
+    margins = Margins(most, terms.margins.grip, terms.margins.disturbance)
     tries = 0
     improved = 0
     while improved < settings.restarts and tries < 200 * settings.restarts:
         tries += 1
         choice = np.array([rng.choice(free) for free in legal])
-        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, margin, kept, ahead, np.inf, lp)
+        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, margins, kept, ahead, np.inf, lp)
         if cost == np.inf:
             continue
         improved += 1
@@ -237,7 +239,7 @@ def find_grasp(
                 for c in candidates:
                     trial = choice.copy()
                     trial[a] = c
-                    value = grasp_cost(hand, path, scan, state, terms, agents, trial, margin, kept, ahead, cost, lp)
+                    value = grasp_cost(hand, path, scan, state, terms, agents, trial, margins, kept, ahead, cost, lp)
                     if value < cost - 1e-9:
                         cost, choice, changed = value, trial, True
         if cost < best:

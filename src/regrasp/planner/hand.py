@@ -16,6 +16,7 @@ from regrasp.kernels.surfaces import CAPSULE, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
 from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
 from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.scene.schema import FREEDOMS
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -33,7 +34,8 @@ class Hand(Record):
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
     kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
-    needed: contacts that must stick for the object's pose to be determined.
+    needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for axes along and about
+    which disturbances move the object, 0 where a plane keeps it (the axes of W and O agree there).
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
     home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
     p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
@@ -51,6 +53,8 @@ class Hand(Record):
     kind_T: Ints
     size_T: Array
     needed: int
+    shifts: Array
+    turns: Array
     mu: Array
     cap: Array
     home: Array
@@ -96,6 +100,8 @@ def hand_of(world: World) -> Hand:
         + float(np.linalg.norm(chains.p_LT[i]))
         for i in range(len(agents))
     ]
+    plane = plane_of(world.scene.freedoms)
+    free = plane or FREEDOMS
     return Hand(
         chains=chains,
         geoms=geoms,
@@ -108,7 +114,9 @@ def hand_of(world: World) -> Hand:
         size_O=world.object_size,
         kind_T=np.full(len(agents), SPHERE, np.int64),
         size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
-        needed=needed_contacts(world.scene.freedoms),
+        needed=3 if plane is None else 2,
+        shifts=np.array([float(axis in free) for axis in ("x", "y", "z")]),
+        turns=np.array([float(axis in free) for axis in ("rx", "ry", "rz")]),
         mu=np.array([agent.friction for agent in agents]),
         cap=np.array([agent.max_force / weight for agent in agents]),
         home=np.concatenate([agent.home for agent in agents]).astype(float),
@@ -120,13 +128,17 @@ def hand_of(world: World) -> Hand:
     )
 
 
-def needed_contacts(freedoms: tuple[str, ...]) -> int:
-    """How many sticking contacts determine the pose of an object with these freedoms: 3, or 2 if it moves in a plane.
+PLANES = (frozenset({"x", "y", "rz"}), frozenset({"x", "z", "ry"}), frozenset({"y", "z", "rx"}))
+"""The freedoms of a body that moves in a plane."""
 
-    Two fixed points leave the turn about the line through them, which leads out of every plane that holds them.
+
+def plane_of(freedoms: tuple[str, ...]) -> frozenset[str] | None:
+    """The plane that holds these freedoms, if one does.
+
+    Three sticking contacts determine a pose; in a plane two do: what two fixed points leave is the turn about the line through
+    them, which leads out of every plane that holds them.
     """
-    planes = ({"x", "y", "rz"}, {"x", "z", "ry"}, {"y", "z", "rx"})
-    return 2 if any(set(freedoms) <= plane for plane in planes) else 3
+    return next((plane for plane in PLANES if set(freedoms) <= plane), None)
 
 
 def blocks(pairs: list[tuple[int, int]], owner: Ints, k: int) -> tuple[Ints, Ints]:

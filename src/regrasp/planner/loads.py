@@ -3,10 +3,12 @@
 The forces of the search (paper §3) are vertices of linear programs: least in sum, but they jump in time and leave contacts
 without load. A plan's forces are to be carried out, so they are small, evenly shared and smooth,
 
-  min Σ |f_i|² + ω Σ |Δf_i|² + P Σ (grip − f_n,i)₊
+  min Σ |f_i|² + ω Σ |Δf_i|² + P Σ lack_i
 
-over all instants and contacts, Δ from one instant to the next, subject to G f + w = 0, |f_t| ≤ (1 − margin) μ f_n where a
-contact rests or rolls, f = f_n (−n + μ v̂) where it slides, f_n ≤ f_max. Units: the object's weight; torques over its radius.
+over all instants and contacts, Δ from one instant to the next, subject to G f + w = 0, to
+|f_t| ≤ (1 − margin) μ (f_n − s_i + lack_i) where a contact rests or rolls, f = f_n (−n + μ v̂) where it slides,
+s_i − lack_i ≤ f_n ≤ f_max, 0 ≤ lack_i ≤ s_i; s_i is what the contact has to spare (`planner.reserve`). Units: the object's
+weight; torques over its radius.
 """
 
 import math
@@ -19,6 +21,7 @@ from regrasp.plan import NONE
 from regrasp.planner.cones import Nodes, nodes_of, solve
 from regrasp.planner.contacts import Contacts, bases, excess, residual, wrenches
 from regrasp.planner.outcome import Failure
+from regrasp.planner.reserve import Margins
 
 Array = NDArray[np.float64]
 
@@ -34,17 +37,14 @@ SINGULAR = 1e-7
 class Loads:
     """Settings of the plan's forces.
 
-    grip: least normal force of an agent in contact, in weights; kept wherever equilibrium, friction and limits allow.
     smoothness ω: weight of the changes of the forces from interval to interval against their size.
     """
 
-    grip: float = 0.1
     smoothness: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("grip", "smoothness"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+        if not 0.0 <= self.smoothness < math.inf:
+            raise ValueError(f"smoothness is {self.smoothness}, legal: 0 or more")
 
 
 def between(contacts: Contacts, nodes: Nodes, at_nodes: Array, margin: float) -> Array:
@@ -70,7 +70,7 @@ def between(contacts: Contacts, nodes: Nodes, at_nodes: Array, margin: float) ->
     return f + np.einsum("nmcae,nmce->nmca", basis, np.where(free, x[..., 0].reshape(N, M, C, 3), 0.0))
 
 
-def failure(contacts: Contacts, nodes: Nodes, margin: float, settings: Loads) -> Failure:
+def failure(contacts: Contacts, nodes: Nodes, margins: Margins, settings: Loads) -> Failure:
     """Where the program has no solution: the nodes are tied together by the objective only, so one fails by itself."""
     remedy = "more friction, a larger max_force, another agent or a smaller planner.local.energy.friction_margin"
     for b, j in enumerate(nodes.source[:, 0]):
@@ -79,7 +79,7 @@ def failure(contacts: Contacts, nodes: Nodes, margin: float, settings: Loads) ->
             free=nodes.free[b : b + 1], inward=nodes.inward[b : b + 1], p=nodes.p[b : b + 1],
             gap=np.zeros(0), span=np.ones(1),
         )  # fmt: skip
-        if solve(contacts, one, margin, settings.grip, settings.smoothness) is None:
+        if solve(contacts, one, margins, settings.smoothness) is None:
             return Failure(
                 "equilibrium", place(contacts, int(j)), "object", "no contact forces hold the object", remedy
             )
@@ -94,15 +94,15 @@ def place(contacts: Contacts, j: int) -> str:
     return f"segment {contacts.segment[j] + 1}, interval {np.sum(here[: j + 1])} of {np.sum(here)}"
 
 
-def forces(contacts: Contacts, margin: float, settings: Loads) -> Array | Failure:
+def forces(contacts: Contacts, margins: Margins, settings: Loads) -> Array | Failure:
     """The forces (N, M, C, 3) of all contacts, in weights, or where there are none that hold the object."""
     dense = np.zeros(len(contacts.mode), bool)
     while True:
-        nodes = nodes_of(contacts, margin, dense)
-        at_nodes = solve(contacts, nodes, margin, settings.grip, settings.smoothness)
+        nodes = nodes_of(contacts, margins.friction, dense)
+        at_nodes = solve(contacts, nodes, margins, settings.smoothness)
         if at_nodes is None:
-            return failure(contacts, nodes, margin, settings)
-        f = between(contacts, nodes, at_nodes, margin)
+            return failure(contacts, nodes, margins, settings)
+        f = between(contacts, nodes, at_nodes, margins.friction)
         # Between its ends an interval's forces may pass a cone: then the program has them at every sample. In a hand-over
         # they are in between two that hold, and the object stands still.
         wrong = (excess(contacts, f) > WITHIN) & contacts.moves & ~dense
@@ -110,7 +110,7 @@ def forces(contacts: Contacts, margin: float, settings: Loads) -> Array | Failur
             break
         dense |= wrong
     sound = np.all(excess(contacts, f) <= WITHIN) and np.all(np.abs(residual(contacts, f)) <= BALANCED)
-    return f if sound else failure(contacts, nodes, margin, settings)
+    return f if sound else failure(contacts, nodes, margins, settings)
 
 
 def least_grip(contacts: Contacts, f: Array) -> tuple[float, tuple[int, int]]:

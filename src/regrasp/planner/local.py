@@ -42,7 +42,7 @@ def terms_of(hand: Hand, settings: LocalPlanner) -> Terms:
     energy, relocation = settings.energy, settings.relocation
     return Terms(
         energy.collision, energy.equilibrium, energy.force, energy.change, energy.stability, energy.clearance,
-        energy.friction_margin, energy.grip, relocation.outlook, relocation.tries, relocation.lift * hand.radius,
+        energy.margins, relocation.outlook, relocation.tries, relocation.lift * hand.radius,
         commands(settings.steps, hand.radius),
     )  # fmt: skip
 

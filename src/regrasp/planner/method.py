@@ -201,7 +201,7 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
         here = route[1]
         if here == task.router.grid.goal:
             plan = assemble(
-                task.world, task.hand, segments, subgoals, task.supports, settings.local.energy.friction_margin,
+                task.world, task.hand, segments, subgoals, task.supports, settings.local.energy.margins,
                 settings.loads, settings.timing, seed, settings,
             )  # fmt: skip
             return Outcome(None, plan) if isinstance(plan, Failure) else Outcome(plan, None)

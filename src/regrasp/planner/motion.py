@@ -251,9 +251,7 @@ def forces(
         for i in range(k):
             if bears[i] and is_sliding(codes[i]):
                 slide_direction(codes[i], x_O[s, i], y_O[s, i], t[i])
-        held, _, columns = balance(
-            hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margin, terms.grip, work.lp
-        )
+        held, _, columns = balance(hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margins, work.lp)
         if not held:
             fine = False
             continue

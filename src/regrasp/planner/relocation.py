@@ -19,6 +19,7 @@ from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.path import Path
+from regrasp.planner.reserve import Margins
 from regrasp.planner.state import State
 
 Array = NDArray[np.float64]
@@ -245,7 +246,7 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
 
 @njit(cache=True, nogil=True)
 def indispensable(
-    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], p: Array, n: Array, margin: float, grip: float,
+    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], p: Array, n: Array, margins: Margins,
     lp: Program,
 ) -> float:  # fmt: skip
     """Part of the agents that bear without any one of which the others, at rest, don't hold the object (`balance`)."""
@@ -257,7 +258,7 @@ def indispensable(
             continue
         count += 1
         left[a] = 0
-        held, _, _ = balance(hand, path, j, s, left, codes, p, n, t, margin, grip, lp)
+        held, _, _ = balance(hand, path, j, s, left, codes, p, n, t, margins, lp)
         left[a] = 1
         if not held:
             lost += 1
@@ -273,7 +274,7 @@ def contacts_at_end(state: State, j: int) -> tuple[Array, Array]:
 @njit(cache=True, nogil=True)
 def scan_contacts(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8],
-    clearance: float, margin: float, grip: float, lp: Program, score: Array,
+    clearance: float, margins: Margins, lp: Program, score: Array,
 ) -> None:  # fmt: skip
     """The paper's objective of every candidate for agent i at the end of interval j; inf where the object isn't held.
 
@@ -304,7 +305,7 @@ def scan_contacts(
             continue  # a short chain moves its candidate, so it must be known before the forces
         p[i] = scan.p_O[c] if full else scan.p[i, j + 1, c]
         n[i] = scan.n_O[c] if full else scan.n[i, j + 1, c]
-        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margin, grip, lp)
+        held, value, _ = balance(hand, path, j, m, stands, codes, p, n, t, margins, lp)
         if held:
             score[c] = value
 
@@ -447,7 +448,7 @@ def free_motion(
 @njit(cache=True, nogil=True)
 def relocate(
     hand: Hand, path: Path, scan: Scan, state: State, j: int, i: int, bears: NDArray[np.uint8], clearance: float,
-    margin: float, grip: float, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
+    margins: Margins, outlook: float, tries: int, high: float, lp: Program, score: Array, q: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """The paper's relocation: the best candidate of the scan that a free motion reaches. (candidate, way) or (−1, 0).
 
@@ -456,7 +457,7 @@ def relocate(
     reach would have to be relocated again at once, and others wait for their turn. As this only adds, candidates are
     taken in the order of the sum of forces and are looked at closely when their turn comes.
     """
-    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margin, grip, lp, score)
+    scan_contacts(hand, path, scan, state, j, i, bears, clearance, margins, lp, score)
     m = path.R_WO.shape[1] - 1
     p, n = contacts_at_end(state, j)
     stands = bears.copy()
@@ -473,7 +474,7 @@ def relocate(
             seen[c] = 1
             if candidate_free(hand, path, scan, state, j + 1, i, c, clearance):
                 p[i], n[i] = scan.p[i, j + 1, c], scan.n[i, j + 1, c]
-                stuck = indispensable(hand, path, j, m, stands, p, n, margin, grip, lp)
+                stuck = indispensable(hand, path, j, m, stands, p, n, margins, lp)
                 score[c] += outlook * (stuck + 1.0 - outlook_of(hand, path, scan, state, j + 1, i, c, clearance))
             else:
                 score[c] = np.inf

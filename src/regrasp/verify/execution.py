@@ -49,9 +49,9 @@ class Execution:
 
     time (S,): on the plan's clock, s. interval (S,): of the plan. qpos (S, nq): of the model. error (S, 6): the object's
     displacement from its path, m and rad in W. force_W, planned_W (S, k, 3): of the agents on the object, measured and
-    planned, N. bears (S, k): who should be in contact. slip (S, k): how far the tip has come on the
-    object by sliding so far, where the plan has it roll or stay, m. strained (S, k): whether a drive was at its limit. touches: contacts that the plan
-    does not have, the first of each pair. seconds: of simulated time; wall: that it took.
+    planned, N. bears (S, k): who should be in contact. slip (S, k): how far the tip has come on the object
+    by sliding so far, where the plan has it roll or stay, m. strained (S, k): whether a drive was at its limit. touches:
+    contacts that the plan does not have, the first of each pair. seconds: of simulated time; wall: that it took.
     """
 
     time: Array

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 PERIOD = 0.002
 """Of physics and controller, s."""
 RIGID = 2.0 * PERIOD
-"""Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in by 0.3 mm per newton, which
-the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
+"""Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in by 0.3 mm per newton,
+which the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
 FIXTURE = "start fixture"
 
 

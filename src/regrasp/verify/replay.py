@@ -41,7 +41,7 @@ RATE = 0.95
 class Nominal:
     """One execution in the world as planned: the figures, and the Execution itself.
 
-    final, largest: m and rad off the goal and off the path. force: N, the largest of an agent. slip: m, the largest of
+    tolerance, tube: m and rad allowed at the goal and on the way; final, largest: found there. force: N, the largest of an agent. slip: m, the largest of
     an agent where it should not slide. correlation: of the measured with the planned force components; None where the plan
     has none. speed: simulated over real time.
     """
@@ -49,6 +49,8 @@ class Nominal:
     mode: str
     passed: bool
     failure: Failure | None
+    tolerance: tuple[float, float]
+    tube: tuple[float, float]
     final: tuple[float, float]
     largest: tuple[float, float]
     slip: float
@@ -194,7 +196,7 @@ class Bench:
         failure = diagnose(run, self.plan.agent_names, tolerance)
         passed = succeeded(run, tolerance) and largest[0] <= tube[0] and largest[1] <= tube[1]
         return Nominal(
-            mode, passed, failure, final, largest, float(run.slip.max(initial=0.0)), largest_force(run),
+            mode, passed, failure, tolerance, tube, final, largest, float(run.slip.max(initial=0.0)), largest_force(run),
             correlation(run), run.seconds / run.wall, run,
         )  # fmt: skip
 
