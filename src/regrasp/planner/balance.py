@@ -139,7 +139,8 @@ def balance(
     least = np.empty(len(bears))
     spares(hand, path, j, s, bears, codes, p_OC, margins, least)
     for i in range(len(bears)):
-        lp.cap[i] = hand.cap[i] - least[i]
+        cap = min(hand.cap[i], margins.slide) if is_sliding(whole(codes[i])) else hand.cap[i]
+        lp.cap[i] = cap - least[i]
         if bears[i]:
             count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margins, lp, columns)
             least[i] /= count

@@ -127,7 +127,7 @@ def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float)
     width = count + int(np.sum(short))
     linear = np.zeros(width)
     linear[count:] = PENALTY
-    rows = constraints(contacts, nodes, margins.friction, least, column, short, lack)
+    rows = constraints(contacts, nodes, margins, least, column, short, lack)
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.direct_solve_method = "qdldl"  # one thread: the same forces on every machine
@@ -166,7 +166,7 @@ def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> spar
 
 
 def constraints(
-    contacts: Contacts, nodes: Nodes, margin: float, least: Array, column: Ints, short: NDArray[np.bool_], lack: Ints
+    contacts: Contacts, nodes: Nodes, margins: Margins, least: Array, column: Ints, short: NDArray[np.bool_], lack: Ints
 ) -> Rows:
     """Equilibrium, limits and friction at every node, in the unknowns `column` of forces and `lack` of what they lack of
     the normal force to spare, least (B, C)."""
@@ -190,7 +190,8 @@ def constraints(
         rows.add(values, np.arange(len(b))[:, None], columns, side[b, c], cones)
 
     bound(bears & nodes.ray, -1.0, np.zeros(bears.shape))
-    bound(bears & np.isfinite(contacts.cap), 1.0, np.broadcast_to(contacts.cap, bears.shape))
+    cap = np.where(nodes.ray & contacts.grips, np.minimum(contacts.cap, margins.slide), contacts.cap)
+    bound(bears & np.isfinite(cap), 1.0, cap)
     bound(short, -1.0, -least)
     lacks = lack[short]
     each = np.arange(len(lacks))
@@ -201,7 +202,7 @@ def constraints(
     # The cones of contacts that rest or roll, moved up their normals by least − lack; their basis is the axes of W.
     b, c = np.nonzero(bears & ~nodes.ray)
     n = nodes.inward[b, c]
-    use = (1.0 - margin) * contacts.mu[c]
+    use = (1.0 - margins.friction) * contacts.mu[c]
     cone = np.zeros((len(b), 3, 4))
     cone[:, 0, :3] = use[:, None] * n
     cone[:, 0, 3] = np.where(short[b, c], use, 0.0)

@@ -46,18 +46,20 @@ class Energy:
     clearance: m, kept between bodies that may not touch. friction_margin: part of μ that rolling and resting contacts
     leave unused. grip: least normal force of every agent that bears, in weights.
     disturbance: standard deviation, in weights and weights times radius, of each component of a wrench that the contacts must
-    bear as springs beside what is planned.
+    bear as springs beside what is planned. slide_force: largest normal force of an agent that slides, in weights: its
+    friction is never known well, and the others bear the error.
     """
 
     collision: float = 10.0
     equilibrium: float = 10.0
     force: float = 0.05
     change: float = 0.1
-    stability: float = 1.0
+    stability: float = 2.0
     clearance: float = 0.0015
     friction_margin: float = 0.3
     grip: float = 0.05
     disturbance: float = 0.1
+    slide_force: float = 0.5
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.friction_margin < 1.0:
@@ -66,11 +68,13 @@ class Energy:
             raise ValueError(f"grip is {self.grip}, legal: 0 or more weights")
         if not self.disturbance >= 0.0:
             raise ValueError(f"disturbance is {self.disturbance}, legal: 0 or more weights")
+        if not self.slide_force >= self.grip:
+            raise ValueError(f"slide_force is {self.slide_force}, legal: the grip, {self.grip}, or more weights")
 
     @property
     def margins(self) -> Margins:
         """What the force program leaves unused."""
-        return Margins(self.friction_margin, self.grip, self.disturbance)
+        return Margins(self.friction_margin, self.grip, self.disturbance, self.slide_force)
 
 
 class Terms(Record):

@@ -222,7 +222,7 @@ def find_grasp(
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
-    margins = Margins(most, terms.margins.grip, terms.margins.disturbance)
+    margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
     tries = 0
     improved = 0
     while improved < settings.restarts and tries < 200 * settings.restarts:

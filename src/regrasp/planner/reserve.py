@@ -26,11 +26,13 @@ class Margins(Record):
     """What the force program leaves unused.
 
     friction: part of μ. grip: least normal force of an agent, in weights. disturbance: δ.
+    slide: largest normal force of an agent that slides, in weights.
     """
 
     friction: float
     grip: float
     disturbance: float
+    slide: float
 
 
 @njit(cache=True, nogil=True)
