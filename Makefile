@@ -55,7 +55,9 @@ demo: $(COMPILED)
 	@$(BIN)/regrasp check $(OUT)/$(SCENE).npz
 	@echo "== drawing the plan"
 	@$(BIN)/regrasp render $(OUT)/$(SCENE).npz -o $(OUT)/$(SCENE).png
-	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png"
+	@echo "== executing the plan in physics, as planned and in perturbed worlds"
+	@$(BIN)/regrasp replay $(OUT)/$(SCENE).npz --trials 20 -o $(OUT)/$(SCENE)-replay.png
+	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png, its execution $(OUT)/$(SCENE)-replay.png"
 
 test: $(COMPILED)
 	@echo "== running the tests"
@@ -80,6 +82,8 @@ trust: $(COMPILED)
 	@$(BIN)/python -m pytest -m slow || test $$? -eq 5
 	@echo "== every built-in scene, 10 seeds, the same settings"
 	@$(BIN)/regrasp bench scenes --seeds 10
+	@echo "== the same plans in physics, 100 perturbed trials per scene"
+	@$(BIN)/regrasp bench replays --seeds 10
 
 format: $(READY)
 	@$(BIN)/ruff format .
