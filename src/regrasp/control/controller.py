@@ -10,12 +10,13 @@ from regrasp.control import feedback as object_feedback
 from regrasp.control.feedback import Feedback, displacement, tip_shift
 from regrasp.control.impedance import Command, Impedance
 from regrasp.control.reference import Phases, Reference, solve_step
+from regrasp.control.tension import Release, released
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
 
 
-NO_TORQUE = np.zeros(3)
+NO_TORQUE, NO_ERROR = np.zeros(3), np.zeros(6)
 
 
 @dataclass(frozen=True)
@@ -24,18 +25,19 @@ class Control:
 
     impedance: Impedance = field(default_factory=Impedance)
     feedback: Feedback = field(default_factory=Feedback)
+    release: Release = field(default_factory=Release)
     phases: Phases = field(default_factory=Phases)
 
 
 class Controller:
     """Joint targets, rates and feed-forward torques for one period after the other.
 
-    It knows the robot's model, its joint sensors and, with `feedback`, a measured object pose now and then; the simulated
+    It knows the robot's model, its joint sensors and, if there is one, a measured object pose now and then; the simulated
     world it never sees.
     """
 
-    def __init__(self, world: World, reference: Reference, feedback: Feedback | None) -> None:
-        self.world, self.reference, self.feedback = world, reference, feedback
+    def __init__(self, world: World, reference: Reference, control: Control) -> None:
+        self.world, self.reference, self.control = world, reference, control
         self._model = world.model
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = world.start
@@ -45,7 +47,8 @@ class Controller:
         self._damping = self._model.dof_damping[self._dofs]
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))
-        self._J = np.zeros((6, self._model.nv))
+        self._tips = [agent.tip_geom for agent in world.agents]
+        self._radii = self._model.geom_rbound[self._tips]
 
     def command(self, row: int, q: Array, qd: Array) -> Command:
         """What the drives get for this row of the reference, with the joints at q (nq,), moving at qd."""
@@ -66,20 +69,29 @@ class Controller:
         rate = ref.qd[row]
         return Command(ref.q[row] + self._correction, rate, torque[self._dofs] + self._damping * rate)
 
-    def see(self, row: int, p_measured: Array, R_measured: Array) -> None:
-        """Take in a measured pose of the object; needs a `command` of about this row before it."""
-        ref = self.reference
-        assert self.feedback is not None
-        error = displacement(ref.p_WO[row], ref.R_WO[row], p_measured, R_measured)
-        carried = row >= ref.start
-        self._state = object_feedback.step(self.feedback, self._state, error, ref.bears[row], carried)
+    def update(self, row: int, seen: tuple[Array, Array] | None) -> None:
+        """Correct the targets, once in a feedback period, after a `command` of about this row.
+
+        seen: the object's measured position and rotation, if it is. Strain between the fingers is let go either way.
+        """
+        ref, settings, bears = self.reference, self.control.feedback, self.reference.bears[row]
+        follows = row >= ref.start
+        error = NO_ERROR if seen is None else displacement(ref.p_WO[row], ref.R_WO[row], *seen)
+        state = object_feedback.step(settings, self._state, error, bears, follows)
+        J = np.empty((len(bears), 6, self._model.nv))
+        p = self._data.geom_xpos[self._tips]
         for i, agent in enumerate(self.world.agents):
-            place = self._data.geom_xpos[agent.tip_geom]
-            step = tip_shift(self._state.c + self._state.own[i], ref.p_WO[row], place)
-            J = self._J
-            mujoco.mj_jac(self._model, self._data, J[:3], J[3:], place, agent.tip_body)
-            radius = self._model.geom_rbound[agent.tip_geom]
-            self._correction[self._joints[i]] = solve_step(J[:, agent.dofs], step, radius)
+            mujoco.mj_jac(self._model, self._data, J[i, :3], J[i, 3:], p[i], agent.tip_body)
+        if follows:
+            d = J[:, :3, self._dofs] @ (self._data.qpos[self._addresses] - ref.q[row] - self._correction)
+            slides = ref.slides[row] & bears
+            state.own[:, :3] += released(
+                self.control.release, settings.period, p, d, bears & ~slides, slides, ref.n_W[row]
+            )
+        for i, agent in enumerate(self.world.agents):
+            step = tip_shift(state.c + state.own[i], ref.p_WO[row], p[i])
+            self._correction[self._joints[i]] = solve_step(J[i][:, agent.dofs], step, self._radii[i])
+        self._state = state
 
 
 def agent_joints(world: World) -> tuple[slice, ...]:

@@ -72,8 +72,8 @@ def step(settings: Feedback, state: State, error: Array, bears: NDArray[np.bool_
             if length > limit:
                 c = c.copy()
                 c[part] *= limit / length
-    # A finger off the object stands at c + own = seen; in contact its own part stays as it was at touch-down.
-    own = np.where(bears[:, None], state.own, seen - c)
+    # A finger off the object comes to c + own = seen; in contact its own part stays as it was at touch-down.
+    own = np.where(bears[:, None], state.own, state.own + blend * (seen - c - state.own))
     return State(c, own, seen)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from regrasp.plan import Plan
+from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -44,7 +44,8 @@ class Reference:
 
     period: s. touch, start, end: rows at which the approach ends, the plan begins and the plan ends. interval (T,): the
     plan's, −1 before it. q, qd (T, nq): rad or m, and their rates. p_WO (T, 3), R_WO (T, 3, 3). bears (T, k): who is in
-    contact. force_W (T, k, 3): of the agents on the object, N. p_WC (T, k, 3): where they act.
+    contact; slides (T, k): who of them slides. force_W (T, k, 3): of the agents on the object, N. p_WC, n_W (T, k, 3): where
+    they act, and the object's outward normal there.
     """
 
     period: float
@@ -57,8 +58,10 @@ class Reference:
     p_WO: Array
     R_WO: Array
     bears: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
     force_W: Array
     p_WC: Array
+    n_W: Array
 
     def __len__(self) -> int:
         return len(self.q)
@@ -81,13 +84,15 @@ def reference(plan: Plan, world: World, period: float, phases: Phases) -> Refere
     q[:approach], qd[:approach] = _approach(plan, world, period, phases.standoff, approach)
     qd[approach:lead], qd[lead + count :] = 0.0, 0.0
     force, bears = body.force_W[rows].copy(), body.bears[rows].copy()
+    slides = body.slides[rows]
+    slides[:lead], slides[lead + count :] = False, False
     force[:approach], bears[:approach] = 0.0, False
     force[approach : approach + load] *= ((np.arange(load) + 1) / load)[:, None, None]
     interval = body.interval[rows].copy()
     interval[:lead] = -1
     return Reference(
-        period, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears, force,
-        body.p_WC[rows],
+        period, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears, slides, force,
+        body.p_WC[rows], body.n_W[rows],
     )  # fmt: skip
 
 
@@ -101,7 +106,8 @@ def delayed(reference: Reference, joints: tuple[slice, ...], delay: float, rng: 
     rows = np.arange(T)
     out = replace(
         reference, q=reference.q.copy(), qd=reference.qd.copy(), bears=reference.bears.copy(),
-        force_W=reference.force_W.copy(), p_WC=reference.p_WC.copy(),
+        slides=reference.slides.copy(), force_W=reference.force_W.copy(), p_WC=reference.p_WC.copy(),
+        n_W=reference.n_W.copy(),
     )  # fmt: skip
     for i in range(k):
         changes = np.flatnonzero(np.diff(reference.bears[:, i])) + 1
@@ -110,7 +116,8 @@ def delayed(reference: Reference, joints: tuple[slice, ...], delay: float, rng: 
         source = np.clip(np.round(rows - shift).astype(int), 0, T - 1)
         out.q[:, joints[i]], out.qd[:, joints[i]] = reference.q[source, joints[i]], reference.qd[source, joints[i]]
         out.bears[:, i], out.force_W[:, i] = reference.bears[source, i], reference.force_W[source, i]
-        out.p_WC[:, i] = reference.p_WC[source, i]
+        out.p_WC[:, i], out.n_W[:, i] = reference.p_WC[source, i], reference.n_W[source, i]
+        out.slides[:, i] = reference.slides[source, i]
     return out
 
 
@@ -123,8 +130,9 @@ def _sampled(plan: Plan, period: float) -> Reference:
     interval = np.clip(np.searchsorted(plan.time[:, 0], t, side="right") - 1, 0, N - 1)
     q, qd = np.empty((count, plan.joints.shape[2])), np.empty((count, plan.joints.shape[2]))
     p_WO, R_WO = np.empty((count, 3)), np.empty((count, 3, 3))
-    force, p_WC = np.zeros((count, k, 3)), np.zeros((count, k, 3))
+    force, p_WC, n_W = (np.zeros((count, k, 3)) for _ in range(3))
     bears = np.isfinite(plan.p_OC_O[:, 0, :, 0])[interval]
+    slides = ((plan.V >= FIRST_SLIDE) & (plan.V < RELOCATE))[interval]
     for j in range(N):
         rows = interval == j
         if not rows.any():
@@ -140,8 +148,11 @@ def _sampled(plan: Plan, period: float) -> Reference:
         force[rows] = (1 - u) * plan.force_W[j, s] + u * plan.force_W[j, s + 1]
         p_OC = np.nan_to_num((1 - u) * plan.p_OC_O[j, s] + u * plan.p_OC_O[j, s + 1])
         p_WC[rows] = p_WO[rows, None] + np.einsum("tab,tkb->tka", R_WO[rows], p_OC)
+        n_W[rows] = np.einsum(
+            "tab,tkb->tka", R_WO[rows], np.nan_to_num((1 - u) * plan.n_O[j, s] + u * plan.n_O[j, s + 1])
+        )
     # The table's period is the controller's; the plan is stretched to a whole number of periods.
-    return Reference(period, 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, force, p_WC)
+    return Reference(period, 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC, n_W)
 
 
 def _approach(plan: Plan, world: World, period: float, standoff: float, rows: int) -> tuple[Array, Array]:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from regrasp.control.controller import Controller, agent_joints
-from regrasp.control.feedback import Feedback, displacement
+from regrasp.control.controller import Control, Controller, agent_joints
+from regrasp.control.feedback import displacement
 from regrasp.control.impedance import Gains
 from regrasp.control.reference import Reference, delayed
 from regrasp.scene.world import World
@@ -76,7 +76,7 @@ class Execution:
 
 def execute(
     world: World, reference: Reference, sliding: NDArray[np.bool_], wanted: Gains, reality: Reality,
-    feedback: Feedback | None, rng: np.random.Generator,
+    control: Control, sees: bool, rng: np.random.Generator,
 ) -> Execution:  # fmt: skip
     """Run a reference in a world of the given reality. sliding (N, k): whom the plan lets slide; rng: of the sensor and
     the timing errors."""
@@ -84,19 +84,22 @@ def execute(
     if reality.delay > 0.0:
         reference = delayed(reference, agent_joints(world), reality.delay, rng)
     physics = Physics(world, reality, wanted)
-    controller = Controller(world, reference, feedback)
+    controller = Controller(world, reference, control)
     physics.place(reference.q[0])
     record = Recorder(world, physics, reference, sliding)
-    every = max(1, round(feedback.period / PERIOD)) if feedback else 0
+    every = max(1, round(control.feedback.period / PERIOD))
     trouble = None
     row = 0
     for row in range(len(reference)):
         if row == reference.start:
             physics.release()
         command = controller.command(row, physics.q, physics.qd)
-        if every and row % every == 0:
-            turn = Rotation.from_rotvec(reality.noise[1] * rng.standard_normal(3)).as_matrix()
-            controller.see(row, physics.p_WO + reality.noise[0] * rng.standard_normal(3), turn @ physics.R_WO)
+        if row % every == 0:
+            seen = None
+            if sees:
+                turn = Rotation.from_rotvec(reality.noise[1] * rng.standard_normal(3)).as_matrix()
+                seen = (physics.p_WO + reality.noise[0] * rng.standard_normal(3), turn @ physics.R_WO)
+            controller.update(row, seen)
         physics.step(command)
         if row % EVERY == 0 or physics.data.warning.number.any():  # a bad number is soon in every body
             trouble = find_trouble(world, physics, reference, row)

@@ -184,8 +184,8 @@ class Bench:
 
     def run(self, mode: str, reality: Reality, rng: np.random.Generator) -> Execution:
         """One execution."""
-        feedback = self.control.feedback if mode == "feedback" else None
-        return execute(self.world, self.reference, self.sliding, self.gains, reality, feedback, rng)
+        sees = mode == "feedback"
+        return execute(self.world, self.reference, self.sliding, self.gains, reality, self.control, sees, rng)
 
     def nominal(self, mode: str) -> Nominal:
         """The execution in the world as planned, judged."""

@@ -1,0 +1,53 @@
+"""Tension: what springs at the fingertips do to each other instead of to the object.
+
+Where the tips stand off their targets, the offsets d fall into a rigid motion of all of them, which is the object being
+elsewhere, and a rest, which is strain between the fingers: contacts that are not quite where the plan has them make it grow as
+they roll. The rest is let go slowly, so that the forces between the fingers stay those that are fed forward; the rigid part is
+kept, the object is held as stiffly as before. Where a finger slides its offset along the normal is let go quickly: it presses
+with the force of the plan wherever the surface is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SOFT = 1e-3
+"""Added to the tips' moments of inertia, relative to the largest: tips on a line resist no turn about it."""
+
+
+@dataclass(frozen=True)
+class Release:
+    """Rates, 1/s, at which strain is let go: between fingers that stick, and of one that slides along its normal."""
+
+    between: float = 3.0
+    sliding: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name in ("between", "sliding"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+
+
+def strain(p: Array, d: Array) -> Array:
+    """The part (m, 3) of offsets d (m, 3) of tips at p (m, 3) that is no small rigid motion, by least squares."""
+    r = p - p.mean(axis=0)
+    shift = d.mean(axis=0)
+    J = np.sum(r * r) * np.eye(3) - r.T @ r
+    J.flat[::4] += SOFT * max(float(J.trace()), 1e-12)
+    turn = np.linalg.solve(J, np.cross(r, d).sum(axis=0))
+    return np.asarray(d - shift - np.cross(turn, r))
+
+
+def released(
+    settings: Release, period: float, p: Array, d: Array, sticks: NDArray[np.bool_], slides: NDArray[np.bool_], n: Array
+) -> Array:
+    """By how much the targets (k, 3) give way in one period: p, d as above for all k tips, n (k, 3) the normals."""
+    out = np.zeros_like(d)
+    if np.count_nonzero(sticks) > 1:
+        out[sticks] = min(1.0, settings.between * period) * strain(p[sticks], d[sticks])
+    along = np.sum(d[slides] * n[slides], axis=1, keepdims=True) * n[slides]
+    out[slides] = min(1.0, settings.sliding * period) * along
+    return out
