@@ -7,7 +7,7 @@ from mujoco import mjtGeom
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.kernels.chains import Chains
+from regrasp.kernels.chains import SLIDE, Chains
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.records import Record
@@ -94,12 +94,7 @@ def hand_of(world: World) -> Hand:
     weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
     # A tip on its last joint points nowhere: a zero axis asks the inverse kinematics for the position alone.
     axis = [R.T @ p / (np.linalg.norm(p) or 1.0) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
-    reach = [
-        float(np.sum(np.linalg.norm(chains.p_PJ[chains.start[i] + 1 : chains.start[i + 1]], axis=1)))
-        + float(np.linalg.norm(chains.p_PJ[chains.start[i]]))
-        + float(np.linalg.norm(chains.p_LT[i]))
-        for i in range(len(agents))
-    ]
+    reach = [stretched(chains, i) for i in range(len(agents))]
     plane = plane_of(world.scene.freedoms)
     free = plane or FREEDOMS
     return Hand(
@@ -126,6 +121,15 @@ def hand_of(world: World) -> Hand:
         radius=bounding_radius(world.object_kind, world.object_size),
         weight=weight,
     )
+
+
+def stretched(chains: Chains, i: int) -> float:
+    """How far agent i's tip gets from its base at most, m: all links in a line, all slides at their ends."""
+    mine = slice(chains.start[i], chains.start[i + 1])
+    slides = chains.kind[mine] == SLIDE
+    travel = np.maximum(np.abs(chains.lower[mine]), np.abs(chains.upper[mine]))[slides]
+    links = np.linalg.norm(chains.p_PJ[mine], axis=1)
+    return float(np.sum(links) + np.sum(travel) + np.linalg.norm(chains.p_LT[i]))
 
 
 PLANES = (frozenset({"x", "y", "rz"}), frozenset({"x", "z", "ry"}), frozenset({"y", "z", "rx"}))
