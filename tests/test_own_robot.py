@@ -1,0 +1,43 @@
+"""A robot that nobody here built, by a scene file alone: planned, proved, executed by its own drives."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from regrasp.plan import Plan
+from regrasp.planner.method import Settings, plan_scene
+from regrasp.scene.load import load
+from regrasp.settings import read
+from regrasp.verify.check import check
+from regrasp.verify.physics import Physics, nominal
+from regrasp.verify.replay import Bench, control_of, replay
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    scene = load(str(EXAMPLES / "gantry.yaml"))
+    outcome = plan_scene(scene, 0, read(Settings, scene.planner))
+    assert outcome.plan is not None, str(outcome.failure)
+    return outcome.plan
+
+
+def test_the_plan_is_certified(plan: Plan) -> None:
+    certificate = check(plan)
+    assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+def test_its_own_servos_move_it(plan: Plan) -> None:
+    """No drive is added, and the gains that the controller counts on are those of the file."""
+    bench = Bench(plan, control_of(plan))
+    physics = Physics(bench.world, nominal(bench.world), bench.gains)
+    assert physics.model.nu == len(plan.joint_names) == 9
+    np.testing.assert_allclose(physics.drives.gains.K, 500.0)
+    np.testing.assert_allclose(physics.drives.gains.D, 25.0)
+
+
+def test_physics_takes_the_object_to_the_goal(plan: Plan) -> None:
+    found = replay(plan)
+    assert found.passed, [str(each.failure) for each in found.nominal]
