@@ -168,11 +168,6 @@ def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> spar
     return sparse.csc_matrix(2.0 * (in_W.T @ sparse.kron(chain, sparse.eye_array(3 * C)) @ in_W))
 
 
-def nonnegative(count: int) -> list[object]:
-    """The cone of slacks ≥ 0, none for no rows: clarabel refuses an empty one."""
-    return [clarabel.NonnegativeConeT(count)] if count else []
-
-
 def constraints(
     contacts: Contacts, nodes: Nodes, margins: Margins, least: Array, column: Ints, short: NDArray[np.bool_], lack: Ints
 ) -> Rows:
@@ -193,7 +188,8 @@ def constraints(
     def bound(at: NDArray[np.bool_], sign: float, side: Array) -> None:
         """sign · f_n ≤ side, for the contacts `at` (B, C)."""
         b, c = np.nonzero(at)
-        rows.add(sign * normal[b, c], np.arange(len(b))[:, None], column[b, c], side[b, c], nonnegative(len(b)))
+        cones = [clarabel.NonnegativeConeT(len(b))]
+        rows.add(sign * normal[b, c], np.arange(len(b))[:, None], column[b, c], side[b, c], cones)
 
     bound(bears & nodes.ray, -1.0, np.zeros(bears.shape))
     cap = np.where(nodes.ray & contacts.grips, np.minimum(contacts.cap, margins.slide), contacts.cap)
@@ -202,10 +198,10 @@ def constraints(
     b, c = np.nonzero(short)
     each, lacks, asked = np.arange(len(b)), lack[short], least[short]
     values, columns = np.column_stack([-normal[b, c], -np.ones(len(b))]), np.column_stack([column[b, c], lacks])
-    rows.add(values, each[:, None], columns, -asked, nonnegative(len(b)))
+    rows.add(values, each[:, None], columns, -asked, [clarabel.NonnegativeConeT(len(b))])
     # 0 ≤ lack ≤ least
-    rows.add(-np.ones(len(b)), each, lacks, np.zeros(len(b)), nonnegative(len(b)))
-    rows.add(np.ones(len(b)), each, lacks, asked, nonnegative(len(b)))
+    rows.add(-np.ones(len(b)), each, lacks, np.zeros(len(b)), [clarabel.NonnegativeConeT(len(b))])
+    rows.add(np.ones(len(b)), each, lacks, asked, [clarabel.NonnegativeConeT(len(b))])
 
     # The cones of contacts that rest or roll, moved up their normals by least − lack; their basis is the axes of W.
     b, c = np.nonzero(bears & ~nodes.ray)
