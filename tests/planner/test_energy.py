@@ -9,7 +9,7 @@ from arcs import NAMES, Arc, arc, changed, made
 
 from regrasp.planner.energy import changes, loose
 from regrasp.planner.grasp import Grasp
-from regrasp.planner.hand import needed_contacts
+from regrasp.planner.hand import plane_of
 from regrasp.planner.local import ContactMotions, random_motions
 from regrasp.planner.motions import OFF, RELOCATE, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
 from regrasp.planner.supports import SLIDE, STICK
@@ -115,11 +115,30 @@ def test_a_support_counts_where_the_object_sticks_to_it() -> None:
         assert loose(a.hand, path, np.int64(0), bears, codes) == missing
 
 
-def test_two_contacts_determine_a_pose_in_a_plane_and_three_in_space() -> None:
-    for freedoms in (("x", "z", "ry"), ("ry", "x"), ("x", "y", "rz"), ("y", "rx"), ("z",)):
-        assert needed_contacts(freedoms) == 2
-    for freedoms in (("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z"), ("x", "rx"), ("x", "y", "ry")):
-        assert needed_contacts(freedoms) == 3
+@pytest.mark.parametrize(
+    ("freedoms", "plane"),
+    [
+        (("x", "z", "ry"), {"x", "z", "ry"}),
+        (("ry", "x"), {"x", "z", "ry"}),
+        (("rz",), {"x", "y", "rz"}),
+        (("rx", "y"), {"y", "z", "rx"}),
+        (("x", "y", "z", "rx", "ry", "rz"), None),
+        (("x", "y", "z"), None),
+        (("x", "rx"), None),
+        (("x", "y", "ry"), None),
+        (("ry", "rz"), None),
+    ],
+)
+def test_freedoms_of_a_plane_are_known(freedoms: tuple[str, ...], plane: set[str] | None) -> None:
+    assert plane_of(freedoms) == plane
+
+
+def test_a_plane_needs_two_contacts_and_has_three_axes_of_disturbance() -> None:
+    """In space three contacts determine a pose and a disturbance has all six."""
+    plane, space = arc("fig2-planar").hand, arc("fig4-relocation").hand
+    assert (plane.needed, space.needed) == (2, 3)
+    np.testing.assert_array_equal([plane.shifts, plane.turns], [[1, 0, 1], [0, 1, 0]])
+    np.testing.assert_array_equal([space.shifts, space.turns], np.ones((2, 3)))
 
 
 def test_the_energy_is_the_weighted_sum_of_its_terms(each: Arc) -> None:

@@ -5,15 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import springs
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from regrasp.plan import NONE, OFF, RELOCATE, SLIDE, STAY, STICK
+from regrasp.planner.assemble import remarks
 from regrasp.planner.cones import nodes_of, solve
 from regrasp.planner.contacts import Contacts, bases, contacts_of, excess, residual
 from regrasp.planner.course import Course, changes, with_hand_overs
-from regrasp.planner.loads import WITHIN, Loads, between, forces, least_grip
+from regrasp.planner.loads import WITHIN, Loads, between, forces, most_lacking
 from regrasp.planner.outcome import Failure
+from regrasp.planner.reserve import SOFT, Margins
 from regrasp.planner.timing import Timing, durations
 
 Array = NDArray[np.float64]
@@ -21,8 +24,17 @@ Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 ROLL, SLIDE_X = 1, 5
 MARGIN = 0.1
+"""Part of μ unused."""
+RESERVE = Margins(MARGIN, 0.05, 0.05, 0.5)
 M = 6
-HAND = SimpleNamespace(mu=np.full(4, 0.8), cap=np.full(4, 3.0), radius=0.05, p_OM_O=np.array([1e-3, 0.0, -2e-3]))
+HAND = SimpleNamespace(
+    mu=np.full(4, 0.8),
+    cap=np.full(4, 3.0),
+    radius=0.05,
+    p_OM_O=np.array([1e-3, 0.0, -2e-3]),
+    shifts=np.ones(3),
+    turns=np.ones(3),
+)
 
 
 def unit(v: Array) -> Array:
@@ -95,7 +107,7 @@ def contacts(whole: Course) -> Contacts:
 
 @pytest.fixture(scope="module")
 def f(contacts: Contacts) -> Array:
-    found = forces(contacts, MARGIN, Loads())
+    found = forces(contacts, RESERVE, Loads())
     assert not isinstance(found, Failure), found
     return found
 
@@ -174,23 +186,40 @@ def test_a_contact_bears_nothing_as_it_lifts_off_and_touches_down(whole: Course,
     for j in np.flatnonzero(~whole.moves):
         leaves, lands = bears[j - 1] & ~bears[j + 1], bears[j + 1] & ~bears[j - 1]
         size = np.linalg.norm(f[j], axis=-1)
-        assert size[0, leaves & (np.arange(5) < 4)].min(initial=1.0) >= 0.1 - 1e-6
-        assert size[-1, lands].min(initial=1.0) >= 0.1 - 1e-6
+        assert size[0, leaves & (np.arange(5) < 4)].min(initial=1.0) >= RESERVE.grip - 1e-6
+        assert size[-1, lands].min(initial=1.0) >= RESERVE.grip - 1e-6
 
 
-def test_friction_limits_and_grip_are_kept(contacts: Contacts, f: Array) -> None:
+def asked(contacts: Contacts, margins: Margins, j: int, s: int) -> Array:
+    """(C,): what contacts have to spare at a sample of interval j, by their definition."""
+    sticks, least = np.flatnonzero(contacts.mode[j] == STICK), np.zeros(len(contacts.mu))
+    sigma = np.zeros(len(least))
+    sigma[sticks] = springs.shares(contacts.p_W[j, s, sticks], contacts.shifts, contacts.turns)
+    bears = (contacts.mode[j] != NONE) & contacts.grips
+    least[bears] = springs.to_spare(margins, contacts.mu, sigma, contacts.cap)[bears]
+    return least
+
+
+def test_friction_limits_and_what_is_to_spare_are_kept(contacts: Contacts, f: Array) -> None:
+    """At the ends of intervals in which something moves; true cones and limits everywhere."""
     assert excess(contacts, f).max() <= WITHIN
     normal = np.sum(f * contacts.inward_W, axis=-1)
     across = np.linalg.norm(f - normal[..., None] * contacts.inward_W, axis=-1)
-    sticks, slides = ((contacts.mode == mode)[:, None] & contacts.moves[:, None, None] for mode in (STICK, SLIDE))
-    ends = np.zeros((1, M, 1), bool)
-    ends[:, [0, -1]] = True
-    assert np.where(sticks & ends, across - (1 - MARGIN) * contacts.mu * normal, 0.0).max() < 1e-6
     lag = f - normal[..., None] * (contacts.inward_W + contacts.mu[:, None] * contacts.slip_W)
-    assert np.where(slides[..., None], np.abs(lag), 0.0).max() < 1e-9
-    presses = (sticks | slides) & ends & contacts.grips
-    assert np.where(presses, normal, 1.0).min() > 0.1 - 1e-6
+    found = []
+    for j in np.flatnonzero(contacts.moves):
+        sticks, slides = contacts.mode[j] == STICK, contacts.mode[j] == SLIDE
+        assert np.abs(lag[j][:, slides]).max(initial=0.0) < 1e-9
+        for s in (0, M - 1):
+            least = asked(contacts, RESERVE, j, s)
+            assert np.all((across[j, s] - (1 - MARGIN) * contacts.mu * (normal[j, s] - least))[sticks] < 1e-6)
+            assert np.all((normal[j, s] - least)[slides] > -1e-6)
+            assert np.all(normal[j, s, slides & contacts.grips] < RESERVE.slide + 1e-6)
+            found.append(least[sticks & contacts.grips])
+    assert np.ptp(np.concatenate(found)) > 0.02  # three contacts, and the support that sticks, make a difference
     assert normal[..., contacts.grips].max() < 3.0
+    has, wanted, _ = most_lacking(contacts, f, RESERVE)
+    assert abs(has - wanted) < 1e-6  # somewhere it is all used
 
 
 def still(p: Array, mu: float = 0.5, cap: float = np.inf, load: tuple[float, float, float] = (0, 0, 1)) -> Contacts:
@@ -199,27 +228,53 @@ def still(p: Array, mu: float = 0.5, cap: float = np.inf, load: tuple[float, flo
     points = np.broadcast_to(p, (2, M, C, 3)).astype(float)
     return Contacts(
         np.full((2, C), STICK, np.int8), points, -points, np.zeros_like(points), np.full(C, mu), np.full(C, cap),
-        np.ones(C, bool), np.array(load, float), np.ones(2, bool), np.zeros(2, np.int64),
+        np.ones(C, bool), np.ones(3), np.ones(3), np.array(load, float), np.ones(2, bool), np.zeros(2, np.int64),
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("mu", "squeeze"), [(0.5, 1 / 3 / 0.45), (5.0, 0.1)])
-def test_three_symmetric_fingers_share_the_weight_evenly(mu: float, squeeze: float) -> None:
-    """Each carries a third across its normal and presses as hard as friction, or else the grip, asks for."""
-    angle = 2 * np.pi * np.arange(3) / 3
-    p = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    f = forces(still(p, mu), MARGIN, Loads())
-    np.testing.assert_allclose(f, np.broadcast_to([0, 0, 1 / 3] - squeeze * p, f.shape), atol=1e-6)
+def circle(count: int) -> Array:
+    """Points (count, 3) on the unit circle about z."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
 
 
-def test_two_fingers_press_an_unloaded_ball_with_the_grip() -> None:
+@pytest.mark.parametrize("mu", [0.5, 5.0])
+@pytest.mark.parametrize(("grip", "disturbance"), [(0.0, 0.0), (0.1, 0.0), (0.05, 0.1)])
+@pytest.mark.parametrize("count", [3, 4])
+def test_symmetric_fingers_share_the_weight_evenly(count: int, mu: float, grip: float, disturbance: float) -> None:
+    """Each carries its part across its normal and presses as hard as friction asks for that, and has its s to spare above:
+    of a disturbance σ² = 3/C² + 1 / (C + SOFT)² + 1 / (C/2 + SOFT)²."""
+    p = circle(count)
+    sigma = np.sqrt(3 / count**2 + 1 / (count + SOFT) ** 2 + 1 / (count / 2 + SOFT) ** 2)
+    squeeze = 1 / count / (mu * (1 - MARGIN)) + grip + disturbance * sigma * np.sqrt(1 + 1 / mu**2)
+    contacts, margins = still(p, mu), Margins(MARGIN, grip, disturbance, np.inf)
+    f = forces(contacts, margins, Loads())
+    np.testing.assert_allclose(f, np.broadcast_to([0, 0, 1 / count] - squeeze * p, f.shape), atol=1e-6)
+    has, wanted, _ = most_lacking(contacts, f, margins)
+    assert (has, wanted) == pytest.approx((grip + disturbance * sigma * np.sqrt(1 + 1 / mu**2),) * 2, abs=1e-6)
+
+
+def test_two_fingers_press_an_unloaded_ball_with_what_they_have_to_spare() -> None:
     p = np.array([[1.0, 0, 0], [-1.0, 0, 0]])
-    f = forces(still(p, load=(0, 0, 0)), MARGIN, Loads(grip=0.2))
-    np.testing.assert_allclose(f, np.broadcast_to(-0.2 * p, f.shape), atol=1e-6)
+    for grip, disturbance in ((0.2, 0.0), (0.2, 0.1)):
+        f = forces(still(p, load=(0, 0, 0)), Margins(MARGIN, grip, disturbance, np.inf), Loads())
+        spared = grip + disturbance * np.sqrt(3 / 4 + 2 / (2 + SOFT) ** 2) * np.sqrt(5.0)
+        np.testing.assert_allclose(f, np.broadcast_to(-spared * p, f.shape), atol=1e-6)
+
+
+def test_a_narrow_grasp_presses_harder_than_a_wide_one() -> None:
+    """Unloaded pairs at a height over each other: the turn across them is borne at a lever that is their distance."""
+    pressed = []
+    for half in (0.9, 0.5, 0.2):
+        p = np.array([[half, 0, 0.0], [-half, 0, 0.0]])
+        contacts = replace(still(p, load=(0, 0, 0)), inward_W=np.broadcast_to(-p / half, (2, M, 2, 3)))
+        f = forces(contacts, RESERVE, Loads())
+        pressed.append(np.linalg.norm(f[0, 0, 0]))
+    assert pressed[0] < pressed[1] < pressed[2]
 
 
 def test_without_friction_a_force_is_normal() -> None:
-    f = forces(still(np.array([[0.0, 0, -1]]), mu=0.0), MARGIN, Loads())
+    f = forces(still(np.array([[0.0, 0, -1]]), mu=0.0), Margins(MARGIN, 0.1, 0.1, np.inf), Loads())
     np.testing.assert_allclose(f, np.broadcast_to([0.0, 0, 1], f.shape), atol=1e-7)
 
 
@@ -231,16 +286,18 @@ def objective(f: Array, smoothness: float) -> float:
 
 @pytest.mark.parametrize("smoothness", [0.0, 1.0, 30.0])
 def test_no_other_forces_are_better(smoothness: float) -> None:
-    """Random ones that balance and keep friction and grip, and all on the way there: from the best it goes up all ways."""
+    """Random ones that balance and keep friction and what is to spare, and all on the way there: from the best it goes up
+    all ways."""
     rng = np.random.default_rng(0)
     contacts = contacts_of(course_of([[STAY] * 4] * 5, [NONE] * 5, [0] * 5), HAND, np.array([0.5]), GRAVITY)
     at = [(0, 0), *((j, M - 1) for j in range(5))]
 
-    def ends(margin: float, settings: Loads) -> Array:
-        f = forces(contacts, margin, settings)
+    def ends(margins: Margins, settings: Loads) -> Array:
+        f = forces(contacts, margins, settings)
         return np.array([f[a] for a in at])[:, :4]
 
-    best, inside = ends(MARGIN, Loads(smoothness=smoothness)), ends(0.3, Loads(grip=0.6))
+    best, inside = ends(RESERVE, Loads(smoothness=smoothness)), ends(Margins(0.3, 0.6, 0.0, np.inf), Loads())
+    least = np.array([asked(contacts, RESERVE, *a) for a in at])[:, :4]
     p, n_in = (np.array([array[a] for a in at])[:, :4] for array in (contacts.p_W, contacts.inward_W))
     crosses = [[np.cross(p[b, c], np.eye(3)).T for c in range(4)] for b in range(len(at))]
     null = [np.linalg.svd(np.vstack([np.tile(np.eye(3), 4), np.hstack(row)]))[2][6:] for row in crosses]
@@ -251,7 +308,7 @@ def test_no_other_forces_are_better(smoothness: float) -> None:
         other = inside + 10.0 ** rng.uniform(-2, 0) * step
         normal = np.sum(other * n_in, axis=-1)
         across = np.linalg.norm(other - normal[..., None] * n_in, axis=-1)
-        if np.all(across <= (1 - MARGIN) * 0.8 * normal) and np.all(normal >= 0.1):
+        if np.all(across <= (1 - MARGIN) * 0.8 * (normal - least)):
             kept += 1
             for part in (1e-3, 1e-2, 0.1, 1.0):
                 assert objective(best + part * (other - best), smoothness) > objective(best, smoothness) - 1e-7
@@ -261,7 +318,7 @@ def test_no_other_forces_are_better(smoothness: float) -> None:
 def test_smoothness_buys_even_forces_with_larger_ones(contacts: Contacts) -> None:
     change, size = [], []
     for smoothness in (0.0, 1.0, 100.0):
-        f = forces(contacts, MARGIN, Loads(smoothness=smoothness))
+        f = forces(contacts, RESERVE, Loads(smoothness=smoothness))
         ends = np.concatenate([f[:1, 0], f[:, -1]])
         change.append(np.sum(np.diff(ends, axis=0) ** 2))
         size.append(objective(ends, 0.0))
@@ -284,23 +341,25 @@ def test_where_interpolated_forces_pass_the_cone_the_program_has_every_sample() 
         contacts,
         **{name: getattr(contacts, name)[:1] for name in ("mode", "p_W", "inward_W", "slip_W", "moves", "segment")},
     )
+    margins = Margins(0.0, 0.0, 0.0, np.inf)
     nodes = nodes_of(contacts, 0.0, np.zeros(1, bool))
-    ends = solve(contacts, nodes, 0.0, 0.1, 1.0)
+    ends = solve(contacts, nodes, margins, 1.0)
     assert ends is not None
     assert excess(contacts, between(contacts, nodes, ends, 0.0)).max() > 1e-3
-    f = forces(contacts, 0.0, Loads())
+    f = forces(contacts, margins, Loads())
     assert excess(contacts, f).max() <= WITHIN
     assert np.abs(residual(contacts, f)).max() < 1e-9
 
 
 def test_a_course_that_jumps_is_refused() -> None:
-    """One contact of an interval is elsewhere than it was: no force at the instant between balances on both sides."""
+    """One contact of an interval is elsewhere than it was: forces at the instant between balance on one side only, and where
+    nothing is to spare, what would make them balance on the other leaves the cones."""
     course = course_of([[STAY] * 4] * 4, [NONE] * 4, [0] * 4)
     contacts = contacts_of(course, HAND, np.array([0.5]), GRAVITY)
     moved = contacts.p_W.copy(), contacts.inward_W.copy()
     for array in moved:
         array[2, :, 3] = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ array[2, 0, 3]
-    found = forces(replace(contacts, p_W=moved[0], inward_W=moved[1]), MARGIN, Loads())
+    found = forces(replace(contacts, p_W=moved[0], inward_W=moved[1]), Margins(MARGIN, 0.0, 0.0, np.inf), Loads())
     assert isinstance(found, Failure)
     assert found.where == "the whole way"
 
@@ -308,28 +367,64 @@ def test_a_course_that_jumps_is_refused() -> None:
 def test_what_no_forces_hold_is_said_with_its_place() -> None:
     V = [[STAY] * 4, [STAY] * 4, [STAY, OFF, OFF, OFF], [STAY] * 4]
     course = with_hand_overs(course_of(V, [NONE] * 4, [0, 1, 1, 1]))
-    found = forces(contacts_of(course, HAND, np.array([0.5]), GRAVITY), MARGIN, Loads())
+    found = forces(contacts_of(course, HAND, np.array([0.5]), GRAVITY), RESERVE, Loads())
     assert isinstance(found, Failure)
     assert found.constraint == "equilibrium"
     assert found.where == "segment 2, interval 2 of 3"
     assert "friction" in found.remedy
 
 
-def test_a_load_above_the_limits_is_not_held() -> None:
-    angle = 2 * np.pi * np.arange(3) / 3
-    p = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+@pytest.mark.parametrize("margins", [Margins(MARGIN, 0.0, 0.0, np.inf), RESERVE])
+def test_a_load_above_the_limits_is_not_held_and_one_below_is_whatever_there_is_to_spare(margins: Margins) -> None:
     needed = 1 / 3 / (0.5 * (1 - MARGIN))
-    assert isinstance(forces(still(p, cap=0.99 * needed), MARGIN, Loads()), Failure)
-    assert not isinstance(forces(still(p, cap=1.01 * needed), MARGIN, Loads()), Failure)
+    assert isinstance(forces(still(circle(3), cap=0.99 * needed), margins, Loads()), Failure)
+    assert not isinstance(forces(still(circle(3), cap=1.01 * needed), margins, Loads()), Failure)
 
 
-def test_a_grip_that_cannot_be_kept_is_missed_by_as_little_as_possible() -> None:
-    p = np.array([[1.0, 0, 0], [-1.0, 0, 0]])
-    contacts = still(p, cap=0.3, load=(0, 0, 0))
-    f = forces(contacts, MARGIN, Loads(grip=0.5))
+def test_what_cannot_be_spared_is_missed_by_as_little_as_possible_and_said() -> None:
+    """Three fingers whose limit leaves less than asked beside the weight: they press with the limit, and each has all that
+    friction leaves of it. A limit that leaves enough is not reached, and nothing is said."""
+    needed, p = 1 / 3 / (0.5 * (1 - MARGIN)), circle(3)
+    contacts, margins = still(p, cap=1.2), Margins(MARGIN, 0.5, 0.0, np.inf)
+    f = forces(contacts, margins, Loads())
     assert not isinstance(f, Failure)
-    np.testing.assert_allclose(f, np.broadcast_to(-0.3 * p, f.shape), atol=1e-6)
-    assert least_grip(contacts, f)[0] == pytest.approx(0.3, abs=1e-6)
+    np.testing.assert_allclose(f, np.broadcast_to([0, 0, 1 / 3] - 1.2 * p, f.shape), atol=1e-6)
+    has, wanted, (j, i) = most_lacking(contacts, f, margins)
+    assert (has, wanted) == pytest.approx((1.2 - needed, 0.5), abs=1e-6)
+    said = remarks(contacts, f, margins, ("a", "b", "c"))
+    assert said == (
+        f"{'abc'[i]} has 0.46 of 0.5 weights to spare in segment 1, interval {j + 1} of 2 "
+        "(planner.local.energy.grip and .disturbance ask for them)",
+    )
+    contacts = still(p, cap=needed + 0.51)
+    assert not remarks(contacts, forces(contacts, margins, Loads()), margins, ("a", "b", "c"))
+
+
+def test_only_who_must_gives_up_what_it_has_to_spare() -> None:
+    """Four fingers push the ball along +x: finger 2 with its limit of 0.35, 1 and 3 by friction with 0.45 of what their
+    limits, 0.4, leave above the 0.2 to spare. For a push of 0.4 finger 0, against it, has to give way to 0.13: nobody else
+    gains as much by giving up the same."""
+    contacts = replace(still(circle(4), load=(0.4, 0, 0)), cap=np.array([np.inf, 0.4, 0.35, 0.4]))
+    f = forces(contacts, Margins(MARGIN, 0.2, 0.0, np.inf), Loads())
+    expected = np.array([[-0.13, 0, 0], [0.09, -0.4, 0], [0.35, 0, 0], [0.09, 0.4, 0]])
+    np.testing.assert_allclose(f, np.broadcast_to(expected, f.shape), atol=1e-6)
+
+
+def test_what_a_sliding_finger_may_press_is_limited() -> None:
+    """One that slides below the ball bears its part of the weight, and with a limit no more than that; the rest is the
+    others'."""
+    contacts = still(np.vstack([circle(4), [0.0, 0.0, -1.0]]))
+    slip = np.zeros_like(contacts.p_W)
+    slip[:, :, 4, 0] = 1.0
+    mode = contacts.mode.copy()
+    mode[:, 4] = SLIDE
+    contacts, margins = replace(contacts, mode=mode, slip_W=slip), Margins(MARGIN, 0.1, 0.0, np.inf)
+    free, limited = (forces(contacts, replace(margins, slide=slide), Loads()) for slide in (np.inf, 0.3))
+    assert free[..., 4, 2].min() > 0.34
+    np.testing.assert_allclose(limited[..., 4, :], np.broadcast_to([0.15, 0.0, 0.3], (2, M, 3)), atol=1e-6)
+    np.testing.assert_allclose(
+        limited[..., :4, :].sum(axis=2), np.broadcast_to([-0.15, 0.0, 0.7], (2, M, 3)), atol=1e-6
+    )
 
 
 def test_a_hand_over_lasts_as_long_as_its_forces_take_to_pass(whole: Course, f: Array) -> None:

@@ -4,12 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+import springs
 from arcs import SMALL, Arc, Oracle, arc, between, height, made
 from scipy.optimize import linprog
 
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.motions import OFF, RELOCATE, STAY
 from regrasp.planner.relocation import FREE, WAYS, Relocation, candidate_free, free_motion, outlook_of, scan_contacts
+from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import SLIDE, STICK
 from regrasp.scene.load import load
 
@@ -86,16 +88,20 @@ def test_a_relocating_agents_whole_way_is_clear(name: str) -> None:
     assert found > 0
 
 
-def least_force(
-    a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np.ndarray]], use: float, grip: float
-) -> float:
+def least_force(a: Arc, j: int, s: int, contacts: list[tuple[int, np.ndarray, np.ndarray]], margins: Margins) -> float:
     """Σ of normal forces in weights by HiGHS, eight edges per contact; inf without equilibrium.
 
-    Each of an agent's edges bears an eighth of the grip at least.
+    Each of an agent's edges bears an eighth of what it has to spare at least; who sticks shares a disturbance.
 
     Supports cost nothing; one that slides bears force on the ray against its slip, with all of μ.
     """
     columns, cost, caps, least = [], [], [], []
+    use = 1.0 - margins.friction
+    agents = [i for i, _, _ in contacts]
+    stuck = a.path.support_p_O[j, s, a.path.support_mode[j] == STICK]
+    points = np.array([*(p for _, p, _ in contacts), *stuck]).reshape(-1, 3)
+    sigma = springs.shares((points - a.hand.p_OM_O) / a.hand.radius, a.hand.shifts, a.hand.turns)[: len(agents)]
+    spared = [*springs.to_spare(margins, a.hand.mu[agents], sigma, a.hand.cap[agents]), *np.zeros(len(stuck))]
     spots = [(p, -n, a.hand.mu[i], 1.0, a.hand.cap[i]) for i, p, n in contacts]
     for slot, mode in enumerate(a.path.support_mode[j]):
         p, n = a.path.support_p_O[j, s, slot], a.path.support_n_O[j, s, slot]
@@ -114,7 +120,7 @@ def least_force(
             f = inward + use * mu * (np.cos(angle) * x + np.sin(angle) * y)
             columns.append([*f, *np.cross(p - a.hand.p_OM_O, f) / a.hand.radius])
             cost.append(weight)
-            least.append(weight * grip / 8)
+            least.append(spared[number] / 8)
             caps.append((number, cap))
     rows = [[float(owner == number) for owner, _ in caps] for number in range(len(spots))]
     limits = [spot[4] for spot in spots]
@@ -145,9 +151,7 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
             continue
         bears = np.array([b != i for b in range(k)], np.uint8)
         score = np.zeros(len(scan.p_O))
-        scan_contacts(
-            a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margin, terms.grip, work.lp, score
-        )
+        scan_contacts(a.hand, a.path, scan, state, j, i, bears, terms.clearance, terms.margins, work.lp, score)
         truth = np.full(len(score), np.inf)
         others = [(b, state.p_OC[j + 1, b], state.n_O[j, 1, b]) for b in range(k) if b != i]
         for c in range(len(score)):
@@ -155,16 +159,13 @@ def test_the_chosen_candidate_has_the_least_objective_with_a_free_way(name: str)
                 score[c] = np.inf
                 continue
             here = (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])
-            truth[c] = least_force(a, j, m, [*others, here], 1.0 - terms.margin, terms.grip)
+            truth[c] = least_force(a, j, m, [*others, here], terms.margins)
         np.testing.assert_allclose(score, truth, rtol=1e-6)
         for c in np.flatnonzero(score < np.inf):
             kept = outlook_of(a.hand, a.path, scan, state, j + 1, i, c, terms.clearance)
             score[c] += terms.outlook * (1.0 - kept)
             stand = [*others, (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])]
-            stuck = [
-                np.isinf(least_force(a, j, m, stand[:b] + stand[b + 1 :], 1.0 - terms.margin, terms.grip))
-                for b in range(k)
-            ]
+            stuck = [np.isinf(least_force(a, j, m, stand[:b] + stand[b + 1 :], terms.margins)) for b in range(k)]
             score[c] += terms.outlook * np.mean(stuck)
         n_a = a.joints(i).stop - a.joints(i).start
         q = np.zeros((m + 1, n_a))

@@ -15,7 +15,7 @@ from regrasp.plan import Plan
 from regrasp.planner.contacts import Contacts, contacts_of
 from regrasp.planner.course import joined, with_hand_overs
 from regrasp.planner.hand import Hand
-from regrasp.planner.loads import Loads, forces, least_grip, place
+from regrasp.planner.loads import Loads, forces, most_lacking, place
 from regrasp.planner.motion import Motion
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
@@ -25,6 +25,9 @@ from regrasp.planner.timing import Timing, durations
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
+
+LACKING = 1e-3
+"""Weights that an agent may lack of what it has to spare before the plan says so."""
 
 
 @dataclass(frozen=True)
@@ -100,18 +103,17 @@ def assemble(
         settings=dataclasses.asdict(settings),
         versions=versions(),
         feasible=all(not motion.violations for motion in motions),
-        remarks=remarks(contacts, f, margins.grip, names),
+        remarks=remarks(contacts, f, margins, names),
     )
 
 
-def remarks(contacts: Contacts, f: Array, grip: float, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What the plan's user should know: which agent presses least, if equilibrium and friction forbid the wanted grip."""
-    normal, where = least_grip(contacts, f)
-    if normal >= (1.0 - 1e-3) * grip:
+def remarks(contacts: Contacts, f: Array, margins: Margins, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the plan's user should know: which agent has least to spare, where equilibrium and limits leave it too little."""
+    has, asked, (j, i) = most_lacking(contacts, f, margins)
+    if asked - has <= LACKING:
         return ()
-    j, i = where
-    said = f"{names[i]} presses with only {normal:.2g} weights in {place(contacts, j)} (planner.local.energy.grip is {grip:g})"
-    return (said,)
+    said = f"{names[i]} has {max(has, 0.0):.2g} of {asked:.2g} weights to spare in {place(contacts, j)}"
+    return (f"{said} (planner.local.energy.grip and .disturbance ask for them)",)
 
 
 def versions() -> dict[str, str]:

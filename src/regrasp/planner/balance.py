@@ -89,9 +89,10 @@ def spares(
     hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int8], p_OC: Array,
     margins: Margins, least: Array,
 ) -> None:  # fmt: skip
-    """least (k,): the normal force in weights that each agent has to spare, 0 for those that do not bear.
+    """least (k,): the normal force, in weights, that each agent has to spare, 0 for those that do not bear.
 
-    Supports that stick share the disturbance; a sliding contact's force follows its normal force and shares none.
+    Supports on which the object sticks share the disturbance. A contact that slides counts for nothing, as it resists along
+    its normal only; it has its grip to spare.
     """
     k, slots = len(bears), path.support_mode.shape[1]
     p, sticks, share = np.zeros((k + slots, 3)), np.zeros(k + slots, np.uint8), np.zeros(k + slots)
@@ -130,7 +131,7 @@ def balance(
 
     What an agent has to spare it bears at least, evenly on the columns of its contact: as the mean of a cone's edges is its
     normal, a rolling contact's cone is moved up its normal by it. These lower bounds are taken off the variables before
-    the solution, with what they bear and of the caps, and put on afterwards: y = 0 stays dual feasible.
+    the solution, and what they bear off the load and the caps; afterwards they are put on: y = 0 stays dual feasible.
     """
     columns = whole(0)
     for a in range(3):

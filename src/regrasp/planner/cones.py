@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PENALTY = 1e3
-"""P: large enough that a contact has less to spare only where it must."""
+"""P: large enough that an agent lacks of what it has to spare only where it must."""
 JOIN = 100.0
 """Weight, in ω, of a change that has no time: where a sliding contact's direction jumps from one interval to the next."""
 SAME = 1e-6
@@ -122,7 +122,7 @@ def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float)
     count = int(np.sum(nodes.free))
     column = np.where(nodes.free, np.cumsum(nodes.free).reshape(nodes.free.shape) - 1, -1)
     least = spares(contacts, nodes, margins)
-    short = bears & (least > 0.0)  # contacts with an unknown for what they lack
+    short = bears & (least > 0.0)  # contacts with an unknown for what they lack of it
     lack = count + np.cumsum(short).reshape(short.shape) - 1
     width = count + int(np.sum(short))
     linear = np.zeros(width)
@@ -141,7 +141,10 @@ def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float)
 
 
 def spares(contacts: Contacts, nodes: Nodes, margins: Margins) -> Array:
-    """The normal force, in weights, that each contact has to spare at each node (B, C), as in the search's program."""
+    """The normal force, in weights, that each contact has to spare at each node (B, C); supports have none.
+
+    As in the search's program, `balance.spares`.
+    """
     least = np.zeros(nodes.free.shape[:2])
     sticks = (nodes.free[..., 0] & ~nodes.ray).astype(np.uint8)
     share = np.zeros(sticks.shape[1])
@@ -168,8 +171,11 @@ def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> spar
 def constraints(
     contacts: Contacts, nodes: Nodes, margins: Margins, least: Array, column: Ints, short: NDArray[np.bool_], lack: Ints
 ) -> Rows:
-    """Equilibrium, limits and friction at every node, in the unknowns `column` of forces and `lack` of what they lack of
-    the normal force to spare, least (B, C)."""
+    """Equilibrium, limits, friction and what is to spare, at every node.
+
+    The unknowns are in columns: `column` (B, C, 3) has the forces, `lack` (B, C), where a contact is `short`, how much less
+    normal force it has to spare than least (B, C).
+    """
     bears = nodes.free[..., 0]
     normal = np.einsum("bca,bcae->bce", nodes.inward, nodes.basis)
     rows = Rows()
@@ -180,24 +186,22 @@ def constraints(
     rows.add(wrenches(nodes.p, nodes.basis), six, column[:, :, None], side, [clarabel.ZeroConeT(6 * B)])
 
     def bound(at: NDArray[np.bool_], sign: float, side: Array) -> None:
-        """sign · f_n ≤ side, or, where the contact has an unknown for what it lacks, sign · f_n − lack ≤ side."""
+        """sign · f_n ≤ side, for the contacts `at` (B, C)."""
         b, c = np.nonzero(at)
-        values, columns = sign * normal[b, c], column[b, c]
-        if at is short:
-            values = np.column_stack([values, -np.ones(len(b))])
-            columns = np.column_stack([columns, lack[b, c]])
-        cones = [clarabel.NonnegativeConeT(len(b))] if len(b) else []
-        rows.add(values, np.arange(len(b))[:, None], columns, side[b, c], cones)
+        cones = [clarabel.NonnegativeConeT(len(b))]
+        rows.add(sign * normal[b, c], np.arange(len(b))[:, None], column[b, c], side[b, c], cones)
 
     bound(bears & nodes.ray, -1.0, np.zeros(bears.shape))
     cap = np.where(nodes.ray & contacts.grips, np.minimum(contacts.cap, margins.slide), contacts.cap)
     bound(bears & np.isfinite(cap), 1.0, cap)
-    bound(short, -1.0, -least)
-    lacks = lack[short]
-    each = np.arange(len(lacks))
-    for sign, side in ((-1.0, np.zeros(len(lacks))), (1.0, least[short])):  # 0 ≤ lack ≤ least
-        cones = [clarabel.NonnegativeConeT(len(lacks))] if len(lacks) else []
-        rows.add(np.full(len(lacks), sign), each, lacks, side, cones)
+    # least − lack ≤ f_n
+    b, c = np.nonzero(short)
+    each, lacks, asked = np.arange(len(b)), lack[short], least[short]
+    values, columns = np.column_stack([-normal[b, c], -np.ones(len(b))]), np.column_stack([column[b, c], lacks])
+    rows.add(values, each[:, None], columns, -asked, [clarabel.NonnegativeConeT(len(b))])
+    # 0 ≤ lack ≤ least
+    rows.add(-np.ones(len(b)), each, lacks, np.zeros(len(b)), [clarabel.NonnegativeConeT(len(b))])
+    rows.add(np.ones(len(b)), each, lacks, asked, [clarabel.NonnegativeConeT(len(b))])
 
     # The cones of contacts that rest or roll, moved up their normals by least − lack; their basis is the axes of W.
     b, c = np.nonzero(bears & ~nodes.ray)

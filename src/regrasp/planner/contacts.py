@@ -18,7 +18,7 @@ class Contacts:
 
     mode (N, C): no force, sticks or slides. p_W (N, M, C, 3): from the centre of mass; inward_W: unit normal into the object;
     slip_W: unit direction of friction where it slides. mu (C,); cap (C,): largest normal force, inf for none.
-    grips (C,): which are agents. shifts, turns (3,): axes of disturbances, as in `Hand`.
+    grips (C,): which are agents. shifts, turns (3,): 1 for the axes of disturbances, as in `Hand`.
     load_W (3,): what the forces add up to. moves (N,): false where nothing does; segment (N,).
     """
 

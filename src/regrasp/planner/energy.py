@@ -44,10 +44,10 @@ class Energy:
     collision K_c, equilibrium K_e: per interval and violation. force K_f: per weight of contact force and interval.
     change K_g: per change of an agent's contact motion. stability K_h: per interval and contact that sticks too few.
     clearance: m, kept between bodies that may not touch. friction_margin: part of μ that rolling and resting contacts
-    leave unused. grip: least normal force of every agent that bears, in weights.
-    disturbance: standard deviation, in weights and weights times radius, of each component of a wrench that the contacts must
-    bear as springs beside what is planned. slide_force: largest normal force of an agent that slides, in weights: its
-    friction is never known well, and the others bear the error.
+    leave unused. grip: normal force, in weights, that every agent in contact has to spare. disturbance δ: standard deviation
+    of each component of a wrench that comes unplanned, in weights and weights times the object's radius; agents that rest or
+    roll have to spare what their share in it asks of them beside the grip (`planner.reserve`). slide_force: largest normal
+    force of an agent that slides, in weights: its friction is never known well, and the others bear the error.
     """
 
     collision: float = 10.0
@@ -73,7 +73,7 @@ class Energy:
 
     @property
     def margins(self) -> Margins:
-        """What the force program leaves unused."""
+        """What the force programs leave unused."""
         return Margins(self.friction_margin, self.grip, self.disturbance, self.slide_force)
 
 
@@ -286,7 +286,7 @@ def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, wor
             start = value
     held, value, _ = balance(
         hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margins,
-            work.lp,
+        work.lp,
     )  # fmt: skip
     new.end[j] = value if held else np.inf
     fine = start < np.inf and held

@@ -34,8 +34,8 @@ class Hand(Record):
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
     kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
-    needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for axes along and about
-    which disturbances move the object, 0 where a plane keeps it (the axes of W and O agree there).
+    needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes along and
+    about which disturbances act, 0 for those that would lead out of the scene's plane.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
     home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
     p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
@@ -96,6 +96,8 @@ def hand_of(world: World) -> Hand:
     axis = [R.T @ p / (np.linalg.norm(p) or 1.0) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
     reach = [stretched(chains, i) for i in range(len(agents))]
     plane = plane_of(world.scene.freedoms)
+    # Three points that stick determine a pose; two leave the turn about their line, which leads out of every plane with it.
+    needed = 3 if plane is None else 2
     free = plane or FREEDOMS
     return Hand(
         chains=chains,
@@ -109,7 +111,7 @@ def hand_of(world: World) -> Hand:
         size_O=world.object_size,
         kind_T=np.full(len(agents), SPHERE, np.int64),
         size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
-        needed=3 if plane is None else 2,
+        needed=needed,
         shifts=np.array([float(axis in free) for axis in ("x", "y", "z")]),
         turns=np.array([float(axis in free) for axis in ("rx", "ry", "rz")]),
         mu=np.array([agent.friction for agent in agents]),
@@ -133,15 +135,11 @@ def stretched(chains: Chains, i: int) -> float:
 
 
 PLANES = (frozenset({"x", "y", "rz"}), frozenset({"x", "z", "ry"}), frozenset({"y", "z", "rx"}))
-"""The freedoms of a body that moves in a plane."""
+"""The freedoms of a body that moves in a plane, for each of the three planes."""
 
 
 def plane_of(freedoms: tuple[str, ...]) -> frozenset[str] | None:
-    """The plane that holds these freedoms, if one does.
-
-    Three sticking contacts determine a pose; in a plane two do: what two fixed points leave is the turn about the line through
-    them, which leads out of every plane that holds them.
-    """
+    """The freedoms of the plane that these freedoms do not leave, if there is one."""
     return next((plane for plane in PLANES if set(freedoms) <= plane), None)
 
 

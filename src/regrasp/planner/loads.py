@@ -7,8 +7,8 @@ without load. A plan's forces are to be carried out, so they are small, evenly s
 
 over all instants and contacts, Δ from one instant to the next, subject to G f + w = 0, to
 |f_t| ≤ (1 − margin) μ (f_n − s_i + lack_i) where a contact rests or rolls, f = f_n (−n + μ v̂) where it slides,
-s_i − lack_i ≤ f_n ≤ f_max, 0 ≤ lack_i ≤ s_i; s_i is what the contact has to spare (`planner.reserve`). Units: the object's
-weight; torques over its radius.
+s_i − lack_i ≤ f_n ≤ f_max, 0 ≤ lack_i ≤ s_i; s_i is what an agent has to spare (`planner.reserve`), f_max less for one that
+slides. Units: the object's weight; torques over its radius.
 """
 
 import math
@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.plan import NONE
-from regrasp.planner.cones import Nodes, nodes_of, solve
+from regrasp.planner.cones import Nodes, nodes_of, solve, spares
 from regrasp.planner.contacts import Contacts, bases, excess, residual, wrenches
 from regrasp.planner.outcome import Failure
 from regrasp.planner.reserve import Margins
@@ -113,10 +112,18 @@ def forces(contacts: Contacts, margins: Margins, settings: Loads) -> Array | Fai
     return f if sound else failure(contacts, nodes, margins, settings)
 
 
-def least_grip(contacts: Contacts, f: Array) -> tuple[float, tuple[int, int]]:
-    """The least normal force of an agent in contact, hand-overs apart, in weights, and its interval and agent."""
-    normal = np.sum(f * contacts.inward_W, axis=-1).min(axis=1)
-    presses = (contacts.mode != NONE) & contacts.moves[:, None] & contacts.grips
-    least = np.where(presses, normal, np.inf)
-    j, i = np.unravel_index(int(np.argmin(least)), least.shape)
-    return float(least[j, i]), (int(j), int(i))
+def most_lacking(contacts: Contacts, f: Array, margins: Margins) -> tuple[float, float, tuple[int, int]]:
+    """The agent that lacks most of the normal force that it has to spare, at the ends of intervals.
+
+    What it has to spare there under forces f (N, M, C, 3) and what it is to have (`reserve.spare`), in weights, and its
+    interval and agent. It has f_n − |f_t| / ((1 − margin) μ), or f_n where it slides.
+    """
+    nodes = nodes_of(contacts, margins.friction, np.zeros(len(contacts.mode), bool))
+    j, s = nodes.source.T
+    normal = np.sum(f[j, s] * nodes.inward, axis=-1)
+    across = np.linalg.norm(f[j, s] - normal[..., None] * nodes.inward, axis=-1)
+    use = np.where(nodes.ray, np.inf, (1.0 - margins.friction) * contacts.mu)
+    has, asked = normal - across / use, spares(contacts, nodes, margins)
+    lack = np.where(nodes.free[..., 0] & contacts.grips, asked - has, -np.inf)
+    b, i = np.unravel_index(int(np.argmax(lack)), lack.shape)
+    return float(has[b, i]), float(asked[b, i]), (int(j[b]), int(i))

@@ -1,8 +1,9 @@
 """What contacts keep in reserve: the share that each has in a wrench that nobody planned.
 
 Fingers under impedance control answer a disturbance like springs. With equal springs at the contacts that stick, a wrench d
-on the object changes their forces by the least squares Δf = Gᵀ (G Gᵀ)⁻¹ d. If each component of d has standard
-deviation δ (weights; weights times the object's radius for torques), the force of contact i has δ σ_i,
+on the object changes their forces by the least squares Δf = Gᵀ (G Gᵀ)⁻¹ d, G = (…, G_i, …) being their grasp map. If each
+component of d has standard deviation δ, in weights for the force and weights times the object's radius for the torque, the
+change of contact i has the root mean square δ σ_i,
 
   σ_i = ‖G_iᵀ (G Gᵀ)⁻¹‖_F.
 
@@ -19,14 +20,16 @@ from regrasp.kernels.records import Record
 Array = NDArray[np.float64]
 
 SOFT = 0.02
-"""Added to the contacts' moments of inertia (squared radii): a turn that no contact resists is resisted by so much."""
+"""Squared radii added to the contacts' moments of inertia: so much resists a turn that no contact resists, as the one about
+the line on which all of them stand. It keeps σ finite."""
 
 
 class Margins(Record):
-    """What the force program leaves unused.
+    """What the force programs of the search and of the plan leave unused.
 
-    friction: part of μ. grip: least normal force of an agent, in weights. disturbance: δ.
-    slide: largest normal force of an agent that slides, in weights.
+    friction: part of μ of a contact that rests or rolls. grip: normal force, in weights, that every agent in contact has to
+    spare; disturbance: δ, for which those that rest or roll have more to spare. slide: largest normal force, in weights, of
+    an agent that slides.
     """
 
     friction: float
@@ -41,8 +44,8 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
 
     shifts, turns (3,): 1 for the axes along and about which a disturbance acts, else 0.
 
-    About the centroid c of the contacts G Gᵀ falls apart: a force moves all alike, a torque turns them about c, with the
-    contacts' moment of inertia J: Δf_i = F / count + J⁻¹ (τ − c × F) × (p_i − c).
+    About the centroid c of the contacts that stick G Gᵀ falls apart: a force F moves all alike, a torque τ turns them about
+    c, with their moment of inertia J (and `SOFT`): Δf_i = F / count + J⁻¹ (τ − c × F) × (p_i − c).
     """
     C = len(sticks)
     count = 0
@@ -71,14 +74,13 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
         J[a, a] += SOFT
     inverse = np.zeros((3, 3))
     invert(J, inverse)
-    # column of the turn J⁻¹ (−c × F) for each axis of F, and of J⁻¹ τ for each axis of τ
-    lever, turn = np.zeros((3, 3)), np.zeros((3, 3))
+    # The columns are the turns J⁻¹ (−c × e_a) that a force along axis a makes, and J⁻¹ e_a that a torque about it makes.
+    by_force, by_torque = np.zeros((3, 3)), np.zeros((3, 3))
     for a in range(3):
-        x, y = (a + 1) % 3, (a + 2) % 3
+        x, y = (a + 1) % 3, (a + 2) % 3  # (x, y, a) is right-handed: c × e_a = c_y e_x − c_x e_y
         for b in range(3):
-            # −c × e_a has components −c_y·… : (c × e_a)_x = c_y, (c × e_a)_y = −c_x with x, y, a right-handed
-            lever[b, a] = shifts[a] * (-inverse[b, x] * c[y] + inverse[b, y] * c[x])
-            turn[b, a] = turns[a] * inverse[b, a]
+            by_force[b, a] = shifts[a] * (inverse[b, y] * c[x] - inverse[b, x] * c[y])
+            by_torque[b, a] = turns[a] * inverse[b, a]
     for i in range(C):
         if sticks[i]:
             total = 0.0
@@ -87,10 +89,10 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
             for a in range(3):
                 for b in range(3):
                     x, y = (b + 1) % 3, (b + 2) % 3
-                    force = lever[x, a] * d[y] - lever[y, a] * d[x]
+                    force = by_force[x, a] * d[y] - by_force[y, a] * d[x]
                     if a == b:
                         force += shifts[a] / count
-                    torque = turn[x, a] * d[y] - turn[y, a] * d[x]
+                    torque = by_torque[x, a] * d[y] - by_torque[y, a] * d[x]
                     total += force * force + torque * torque
             share[i] = np.sqrt(total)
 
@@ -110,8 +112,12 @@ def invert(A: Array, inverse: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def spare(margins: Margins, mu: float, share: float, cap: float) -> float:
-    """The normal force, in weights, that a contact has to spare: its grip, and what keeps a force |Δf| = δ σ_i in its cone.
+    """s: the normal force, in weights, that a contact has to spare; its cone is moved up its axis by it. cap: its limit.
 
-    A cone of half angle atan μ moved up its axis by s keeps the distance s μ / √(1 + μ²). At most half the cap.
+    The grip, and what keeps a force in its cone when it changes by δ σ_i: a cone of half angle atan μ, moved up by s, lies at
+    s μ / √(1 + μ²) from the surface of the one that stays. At most half the cap: the other half is for the load. Without
+    friction nothing to spare would keep the contact from slipping.
     """
+    if mu <= 0.0:
+        return min(margins.grip, 0.5 * cap)
     return min(margins.grip + margins.disturbance * share * np.sqrt(1.0 + mu * mu) / mu, 0.5 * cap)

@@ -41,9 +41,9 @@ RATE = 0.95
 class Nominal:
     """One execution in the world as planned: the figures, and the Execution itself.
 
-    tolerance, tube: m and rad allowed at the goal and on the way; final, largest: found there. force: N, the largest of an agent. slip: m, the largest of
-    an agent where it should not slide. correlation: of the measured with the planned force components; None where the plan
-    has none. speed: simulated over real time.
+    tolerance, tube: m and rad allowed at the goal and on the way; final, largest: found there. force: N, the largest of an
+    agent. slip: m, the largest of an agent where it should not slide. correlation: of the measured with the planned force
+    components; None where the plan has none. speed: simulated over real time.
     """
 
     mode: str
