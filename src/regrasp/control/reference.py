@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from regrasp.plan import Plan
+from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -42,12 +42,14 @@ class Phases:
 class Reference:
     """T rows, one per control period; k agents, nq joints (agent after agent).
 
-    period: s. touch, start, end: rows at which the approach ends, the plan begins and the plan ends. interval (T,): the
-    plan's, −1 before it. q, qd (T, nq): rad or m, and their rates. p_WO (T, 3), R_WO (T, 3, 3). bears (T, k): who is in
-    contact. force_W (T, k, 3): of the agents on the object, N. p_WC (T, k, 3): where they act.
+    period: s. begin: s, the plan's time at its first instant. touch, start, end: rows at which the approach ends, the plan
+    begins and the plan ends. interval (T,): the plan's, −1 before it. q, qd (T, nq): rad or m, and their rates.
+    p_WO (T, 3), R_WO (T, 3, 3). bears, slides (T, k): who is in contact, who slides in it. force_W (T, k, 3): of the
+    agents on the object, N. p_WC (T, k, 3): where they act.
     """
 
     period: float
+    begin: float
     touch: int
     start: int
     end: int
@@ -57,6 +59,7 @@ class Reference:
     p_WO: Array
     R_WO: Array
     bears: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
     force_W: Array
     p_WC: Array
 
@@ -64,8 +67,8 @@ class Reference:
         return len(self.q)
 
     def time(self, row: int) -> float:
-        """Time of a row on the plan's clock, s; negative before it begins."""
-        return (row - self.start) * self.period
+        """Time of a row on the plan's clock, s; less than `begin` before the plan begins."""
+        return self.begin + (row - self.start) * self.period
 
 
 def reference(plan: Plan, world: World, period: float, phases: Phases) -> Reference:
@@ -86,8 +89,8 @@ def reference(plan: Plan, world: World, period: float, phases: Phases) -> Refere
     interval = body.interval[rows].copy()
     interval[:lead] = -1
     return Reference(
-        period, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears, force,
-        body.p_WC[rows],
+        period, body.begin, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears,
+        body.slides[rows], force, body.p_WC[rows],
     )  # fmt: skip
 
 
@@ -100,17 +103,17 @@ def delayed(reference: Reference, joints: tuple[slice, ...], delay: float, rng: 
     T, k = reference.bears.shape
     rows = np.arange(T)
     out = replace(
-        reference, q=reference.q.copy(), qd=reference.qd.copy(), bears=reference.bears.copy(),
-        force_W=reference.force_W.copy(), p_WC=reference.p_WC.copy(),
-    )  # fmt: skip
+        reference,
+        **{name: getattr(reference, name).copy() for name in ("q", "qd", "bears", "slides", "force_W", "p_WC")},
+    )
     for i in range(k):
         changes = np.flatnonzero(np.diff(reference.bears[:, i])) + 1
         errors = rng.uniform(-delay, delay, len(changes)) / reference.period
         shift = np.interp(rows, np.concatenate([[0], changes, [T - 1]]), np.concatenate([[0.0], errors, [0.0]]))
         source = np.clip(np.round(rows - shift).astype(int), 0, T - 1)
         out.q[:, joints[i]], out.qd[:, joints[i]] = reference.q[source, joints[i]], reference.qd[source, joints[i]]
-        out.bears[:, i], out.force_W[:, i] = reference.bears[source, i], reference.force_W[source, i]
-        out.p_WC[:, i] = reference.p_WC[source, i]
+        for name in ("bears", "slides", "force_W", "p_WC"):
+            getattr(out, name)[:, i] = getattr(reference, name)[source, i]
     return out
 
 
@@ -125,6 +128,7 @@ def _sampled(plan: Plan, period: float) -> Reference:
     p_WO, R_WO = np.empty((count, 3)), np.empty((count, 3, 3))
     force, p_WC = np.zeros((count, k, 3)), np.zeros((count, k, 3))
     bears = np.isfinite(plan.p_OC_O[:, 0, :, 0])[interval]
+    slides = ((plan.V >= FIRST_SLIDE) & (plan.V < RELOCATE))[interval]
     for j in range(N):
         rows = interval == j
         if not rows.any():
@@ -141,7 +145,9 @@ def _sampled(plan: Plan, period: float) -> Reference:
         p_OC = np.nan_to_num((1 - u) * plan.p_OC_O[j, s] + u * plan.p_OC_O[j, s + 1])
         p_WC[rows] = p_WO[rows, None] + np.einsum("tab,tkb->tka", R_WO[rows], p_OC)
     # The table's period is the controller's; the plan is stretched to a whole number of periods.
-    return Reference(period, 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, force, p_WC)
+    return Reference(
+        period, float(begin), 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC
+    )  # fmt: skip
 
 
 def _approach(plan: Plan, world: World, period: float, standoff: float, rows: int) -> tuple[Array, Array]:
