@@ -40,8 +40,8 @@ def table(world: World, q, qd, force, where) -> Reference:
     pose = world.scene.start.pose
     k = len(world.agents)
     return Reference(
-        0.002, 0, 0, 0, np.zeros(1, int), q[None], qd[None], np.array([pose.p]), np.array([pose.R]),
-        np.ones((1, k), bool), force[None], where[None],
+        0.002, 0.0, 0, 0, 0, np.zeros(1, int), q[None], qd[None], np.array([pose.p]), np.array([pose.R]),
+        np.ones((1, k), bool), np.zeros((1, k), bool), force[None], where[None],
     )  # fmt: skip
 
 

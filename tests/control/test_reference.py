@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.control.controller import agent_joints
 from regrasp.control.reference import Phases, delayed, reference
-from regrasp.plan import Plan
+from regrasp.plan import FIRST_ROLL, FIRST_SLIDE, MOTIONS, OFF, RELOCATE, STAY, Plan
 from regrasp.scene.load import load
 from regrasp.scene.world import World, build
 
@@ -179,6 +179,27 @@ def test_after_the_end_the_last_instant_holds(case):
         assert np.array_equal(array[ref.end :], np.broadcast_to(array[ref.end], array[ref.end :].shape))
 
 
+def test_the_plans_clock_may_begin_at_any_time(case):
+    """A plan that begins later is the same table with other times."""
+    plan, world = case
+    ref, late = (reference(dataclasses.replace(plan, time=plan.time + by), world, PERIOD, PHASES) for by in (0.0, 3.5))
+    assert late.time(late.start) == 3.5
+    assert late.time(late.end) == pytest.approx(plan.time[-1, -1] + 3.5, abs=PERIOD)
+    for field in dataclasses.fields(ref):
+        if field.name != "begin":
+            np.testing.assert_allclose(getattr(late, field.name), getattr(ref, field.name), atol=1e-9)
+
+
+def test_who_slides_is_the_plans_interval_by_interval(case):
+    plan, world = case
+    rng = np.random.default_rng(2)
+    V = rng.choice([STAY, FIRST_ROLL, FIRST_SLIDE, RELOCATE - 1, RELOCATE, OFF], plan.V.shape).astype(np.int8)
+    ref = reference(dataclasses.replace(plan, V=V), world, PERIOD, PHASES)
+    sliding = np.char.startswith(np.array(MOTIONS)[V], "slide")
+    assert 0 < sliding.sum() < sliding.size
+    np.testing.assert_array_equal(ref.slides, sliding[np.maximum(ref.interval, 0)])
+
+
 @pytest.mark.parametrize("period", [0.002, 0.007, 0.03])
 def test_the_table_ends_at_the_goal_at_any_period(case, period):
     plan, world = case
@@ -220,7 +241,7 @@ def test_contact_changes_move_by_at_most_the_delay_and_the_ends_stay(case, delay
             before, after = changes(ref.bears[:, i]), changes(late.bears[:, i])
             assert len(after) == len(before)
             moved.append((after - before) * PERIOD)
-        for name in ("q", "qd", "force_W", "bears", "p_WC"):
+        for name in ("q", "qd", "force_W", "bears", "slides", "p_WC"):
             assert np.array_equal(getattr(late, name)[[0, -1]], getattr(ref, name)[[0, -1]]), name
         for name in ("p_WO", "R_WO", "interval"):
             assert np.array_equal(getattr(late, name), getattr(ref, name)), name
@@ -233,6 +254,21 @@ def test_contact_changes_move_by_at_most_the_delay_and_the_ends_stay(case, delay
     assert np.abs(all_moves).max() <= delay + 0.51 * PERIOD
     assert all_moves.min() < -0.5 * delay
     assert all_moves.max() > 0.5 * delay
+
+
+def test_a_slide_is_as_late_as_its_agents_contact(case):
+    """Of an agent that slides in all of its intervals but the one off the object."""
+    plan, world = case
+    V = np.full_like(plan.V, FIRST_SLIDE)
+    V[~np.isfinite(plan.p_OC_O[:, 0, :, 0])] = RELOCATE
+    ref = reference(dataclasses.replace(plan, V=V), world, PERIOD, PHASES)
+    after = slice(ref.touch + 20, None)  # before the touch it neither slides nor bears
+    moved = 0
+    for seed in range(10):
+        late = delayed(ref, agent_joints(world), 0.1, np.random.default_rng(seed))
+        assert np.array_equal(late.slides[after], late.bears[after])
+        moved += not np.array_equal(late.slides, ref.slides)
+    assert moved > 5
 
 
 def test_every_agent_is_late_on_its_own(case):

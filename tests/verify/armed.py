@@ -25,11 +25,11 @@ def limp(plan: Plan) -> Plan:
     return dataclasses.replace(plan, force_W=np.zeros_like(plan.force_W))
 
 
-def arm(directory: Path, actuators: str = "", joint: str = "", **scene: object) -> World:
+def arm(directory: Path, actuators: str = "", joint: str = "", body: str = "", **scene: object) -> World:
     """A finger of two hinges and a slide with the given actuators; the object far away unless the scene says."""
     path = directory / "arm.xml"
     path.write_text(f"""<mujoco><worldbody>
-      <body name="a" pos="0 0 0.4"> <joint name="j1" axis="0 1 0" armature="0.01" {joint}/>
+      <body name="a" pos="0 0 0.4" {body}> <joint name="j1" axis="0 1 0" armature="0.01" {joint}/>
         <geom name="link" type="capsule" fromto="0 0 0 0.2 0 0" size="0.01" mass="0.4"/>
         <body name="b" pos="0.2 0 0">
           <joint name="j2" axis="0 1 0" damping="0.02" armature="0.01"/> <joint name="j3" type="slide" axis="1 0 0"/>

@@ -122,6 +122,8 @@ def test_a_contact_that_the_plan_does_not_have_is_told():
     interval, time, who, why = told(run)
     assert (interval, who, why) == (1, "object", "touched post")
     assert time == pytest.approx(0.7, abs=TICK)
+    run = dataclasses.replace(run, touches=(Touch("ring", "object", 1.1),))
+    assert str(diagnose(run, NAMES, TOLERANCE)) == "interval 2, t = 1.10 s: ring touched the object"
 
 
 EVENTS = {

@@ -7,21 +7,21 @@ import mujoco
 import numpy as np
 import pytest
 from armed import armed, limp
-from handmade import BALL, WEIGHT, Interval, after, arc, around, build, compose, free_tips, line, scene, stay
+from handmade import BALL, TIP, WEIGHT, Interval, after, arc, around, build, compose, free_tips, line, scene, stay
 
 from regrasp.control.controller import Control, agent_joints
-from regrasp.plan import FIRST_SLIDE, STAY, Plan
-from regrasp.verify.execution import EVERY, LOST, Execution
+from regrasp.plan import FIRST_SLIDE, OFF, STAY, Plan
+from regrasp.verify.execution import EVERY, LOST, NEAR, Execution, geom_names
 from regrasp.verify.physics import PERIOD, Physics, Reality, nominal
-from regrasp.verify.replay import Bench, correlation
+from regrasp.verify.replay import MODES, Bench, agreement
 
 TICK = EVERY * PERIOD
 FREE = ("hold", "carry", "roll", "slide", "relocate", "rim")
 WITHIN = {name: (3e-4, np.radians(0.3)) for name in FREE} | {
-    "push": (5e-4, np.radians(0.1)),
+    "push": (1e-3, np.radians(0.1)),
     "finger": (1e-3, np.radians(1.0)),
 }
-"""m, rad, at the goal, open loop; on the way twice as much."""
+"""m, rad, at the goal, open loop; on the way two and a half times as much."""
 
 
 def executed(plan: Plan, mode: str = "open", **reality: object) -> Execution:
@@ -42,13 +42,15 @@ def test_a_plan_in_closed_form_is_what_happens(runs, handmade, name):
     assert not run.touches
     assert not run.strained.any()
     assert np.all(run.off[-1] < WITHIN[name])
-    assert np.all(run.off.max(axis=0) < 2.0 * np.array(WITHIN[name]))
+    assert np.all(run.off.max(axis=0) < 2.5 * np.array(WITHIN[name]))
     at = world.object_qpos
     np.testing.assert_allclose(run.qpos[-1, at : at + 3], plan.object_position[-1, -1], atol=WITHIN[name][0])
     last = run.qpos[-1, np.concatenate([agent.qpos for agent in world.agents])]
     assert np.abs(last - plan.joints[-1, -1]).max() < 0.02
     if name != "push":  # whose single tip meets the table's friction in jerks
-        assert correlation(run) > 0.99
+        correlation, gain = agreement(run)
+        assert correlation > 0.99
+        assert gain == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("name", WITHIN)
@@ -110,15 +112,14 @@ def test_a_relocating_tip_is_off_the_object(runs, handmade):
 
 
 def test_slip_is_the_way_that_a_tip_slides_where_the_plan_has_it_stay(runs, handmade):
-    """The plan slides by 6 and 5 mm; told that it rolls or stays, the record holds those 11 mm against the tip."""
+    """The plan slides by 6 mm and across that by 5 mm; told that it rolls or stays, the record holds them against the tip."""
     plan, _ = handmade["slide"]
     assert np.all(runs["slide"].slip[-1] < 1.5e-3)
     accused = executed(dataclasses.replace(plan, V=np.where(plan.V >= FIRST_SLIDE, STAY, plan.V).astype(np.int8)))
-    assert accused.slip[-1, 3] == pytest.approx(0.011, abs=1e-3)
+    assert accused.slip[-1, 3] == pytest.approx(np.hypot(0.006, 0.005), abs=1e-3)
     halfway = accused.slip[np.searchsorted(accused.time, 1.0), 3]
     assert halfway == pytest.approx(0.006, abs=1e-3)
     np.testing.assert_allclose(accused.slip[-1, :3], runs["slide"].slip[-1, :3], atol=1e-5)
-    assert np.all(np.diff(accused.slip, axis=0) >= 0.0)
 
 
 def test_with_too_little_friction_the_object_slips_through_the_fingers(handmade):
@@ -158,13 +159,13 @@ def test_an_object_that_turns_over_is_dropped_too(handmade):
     assert run.trouble.what == "dropped"
     run = still.run("open", dataclasses.replace(turned, turn=np.array([0.0, 0.0, 0.7])), np.random.default_rng(0))
     assert run.trouble is None
-    assert run.off[-1, 1] == pytest.approx(np.sin(0.7), abs=0.02)
+    assert run.off[-1, 1] == pytest.approx(0.7, abs=1e-3)
 
 
 @pytest.mark.parametrize(("step", "time"), [(100, -0.65), (700, 0.55)])
-def test_numbers_gone_bad_are_told_with_time_and_body(step, time, handmade, monkeypatch, tmp_path):
-    """A NaN in a tip's rate; MuJoCo would by default put everything back to the start and go on."""
-    monkeypatch.chdir(tmp_path)  # MuJoCo keeps a log of its warnings
+def test_numbers_gone_bad_are_told_with_time_and_body(step, time, handmade, monkeypatch, tmp_path, capfd):
+    """A NaN in a tip's rate; MuJoCo would by default put everything back to the start and go on, and write a log."""
+    monkeypatch.chdir(tmp_path)
     plan, world = handmade["hold"]
     taken, real = [0], Physics.step
 
@@ -182,6 +183,120 @@ def test_numbers_gone_bad_are_told_with_time_and_body(step, time, handmade, monk
     assert taken[0] - step <= EVERY
     assert np.isfinite(run.qpos).all()
     assert np.isfinite(run.error).all()
+    assert not list(tmp_path.iterdir())
+    assert capfd.readouterr() == ("", "")
+
+
+def test_whoever_listens_to_mujocos_warnings_gets_them_back(handmade):
+    heard: list[str] = []
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        executed(handmade["hold"][0])
+        model = mujoco.MjModel.from_xml_string(
+            "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+        )
+        data = mujoco.MjData(model)
+        data.qvel[0] = np.nan
+        mujoco.mj_step(model, data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(heard) == 1
+
+
+def test_tips_that_are_too_light_for_their_stiffness_are_driven_all_the_same(handmade):
+    """Hinges of 2e-6 kg m², as the handmade plans have them: the period bounds their gains."""
+    plan, _ = handmade["carry"]
+    for mode in MODES:
+        run = Bench(plan, Control()).run(mode, nominal(handmade["carry"][1]), np.random.default_rng(0))
+        assert run.trouble is None
+        assert np.all(run.off[-1] < WITHIN["carry"])
+
+
+def contacts_of(plan: Plan, tip: dict[str, str], thing: dict[str, str]) -> Plan:
+    """The plan with other settings for the contacts of tips and object."""
+    root = ElementTree.fromstring(plan.xml)
+    for geom in root.iter("geom"):
+        for prefix, settings in (("robot/tip", tip), ("object", thing)):
+            if geom.get("name", "").startswith(prefix):
+                for key, value in settings.items():
+                    geom.set(key, value)
+    return dataclasses.replace(plan, xml=ElementTree.tostring(root, encoding="unicode"))
+
+
+@pytest.mark.parametrize("condim", [3, 4, 6])
+def test_forces_and_slip_are_read_whatever_the_contacts_dimension(condim, handmade):
+    """At rest the forces bear the weight; a plan that slides, told that it stays, is accused of its slides."""
+    for name in ("hold", "slide"):
+        plan = handmade[name][0]
+        plan = dataclasses.replace(plan, V=np.where(plan.V >= FIRST_SLIDE, STAY, plan.V).astype(np.int8))
+        run = executed(contacts_of(plan, {"condim": f"{condim}"}, {"condim": f"{condim}"}))
+        assert run.trouble is None
+        np.testing.assert_allclose(run.force_W[-1].sum(axis=0), [0, 0, WEIGHT], atol=1e-3 * WEIGHT)
+        assert np.all(run.slip[-1, :3] < 5e-4)
+        if name == "slide":
+            assert run.slip[-1, 3] == pytest.approx(np.hypot(0.006, 0.005), abs=1e-3)
+
+
+def test_without_friction_forces_are_normal_and_the_slip_is_the_way(handmade):
+    """condim 1: the ball falls through the fingers, which slip over it as it goes; every force is along its normal."""
+    plan, world = handmade["hold"]
+    run = executed(contacts_of(plan, {"condim": "1"}, {"condim": "1"}))
+    assert run.trouble is not None
+    assert run.trouble.what == "dropped"
+    at = world.object_qpos
+    touching = np.linalg.norm(run.force_W, axis=2) > 0.0
+    assert touching[: len(touching) // 2].all()
+    for i, agent in enumerate(world.agents):
+        between = run.qpos[:, at : at + 3] - run.qpos[:, agent.qpos[:3]]
+        across = np.linalg.norm(np.cross(run.force_W[:, i], between), axis=1)
+        assert np.all(across <= 0.05 * np.linalg.norm(run.force_W[:, i], axis=1) * np.linalg.norm(between, axis=1))
+        middle = len(run.time) // 2
+        fallen = np.linalg.norm(between[middle] - between[0])
+        speed = np.linalg.norm(between[middle] - between[middle - 1])
+        assert fallen > 5e-4
+        assert abs(run.slip[middle, i] - fallen) < 1.5 * speed
+
+
+def low(plan: Plan, share: float) -> Plan:
+    """The relocation of agent 3 with its flight pulled down by a share of its height over its ends."""
+    joints = plan.joints.copy()
+    centre, tip = plan.object_position[1], slice(18, 21)
+    arm = joints[1, :, tip] - centre
+    height, rest = np.linalg.norm(arm, axis=1, keepdims=True), BALL + TIP
+    joints[1, :, tip] = centre + arm / height * (rest + (1.0 - share) * (height - rest))
+    return dataclasses.replace(plan, joints=joints)
+
+
+def test_a_relocating_tip_that_brushes_the_object_is_noted(handmade):
+    """Away from take-off and landing; the plan's own flight over the ball is no touch."""
+    plan, _ = handmade["relocate"]
+    run = executed(low(plan, 1.03))
+    assert [(touch.first, touch.second) for touch in run.touches] == [("tip3", "object")]
+    begin, end = plan.time[1, [0, -1]]
+    assert begin + NEAR <= run.touches[0].time <= end - NEAR
+    assert run.force_W[(run.time > begin + NEAR) & (run.time < end - NEAR), 3].any()  # and what it presses is told
+
+
+def test_a_finger_that_is_off_the_object_all_the_time_must_not_touch_it(handmade):
+    plan, _ = handmade["relocate"]
+    bare = {name: getattr(plan, name).copy() for name in ("p_OC_O", "n_O", "x_O", "force_W")}
+    for name, array in bare.items():
+        array[:, :, 3] = 0.0 if name == "force_W" else np.nan
+    run = executed(dataclasses.replace(plan, V=np.where(np.arange(4) == 3, OFF, plan.V).astype(np.int8), **bare))
+    assert ("tip3", "object") in [(touch.first, touch.second) for touch in run.touches]
+
+
+def test_links_are_called_by_their_bodies_and_tips_by_their_agents(handmade):
+    world = handmade["finger"][1]
+    names, rank = geom_names(world, world.model)
+    agent = world.agents[0]
+    assert names[agent.tip_geom] == agent.name
+    links = [names[geom] for geom in agent.geoms if geom != agent.tip_geom]
+    assert links
+    assert all(name.startswith(f"{agent.name}/link") for name in links)
+    assert {names[geom] for geom in world.object_geoms} == {"object"}
+    assert [names[geom] for geom in world.support_geoms] == ["table"]
+    assert [set(rank[geoms]) for geoms in (agent.geoms, world.object_geoms, world.support_geoms)] == [{0}, {1}, {2}]
 
 
 def test_a_contact_that_the_plan_does_not_have_is_noted(tmp_path):
@@ -198,7 +313,7 @@ def test_a_contact_that_the_plan_does_not_have_is_noted(tmp_path):
     u = np.linspace(0, 1, 2001)
     meets = u[np.argmax([np.linalg.norm(arc(x)[1] - post) < BALL + 0.01 for x in u])]
     assert 0.5 < meets < 1.0
-    assert {run.touches[0].first, run.touches[0].second} == {"object/0", "post"}
+    assert (run.touches[0].first, run.touches[0].second) == ("object", "post")
     assert run.touches[0].time == pytest.approx(meets, abs=0.03)
 
 

@@ -38,8 +38,7 @@ def commanded(physics: Physics, rng: np.random.Generator, size: float = 1.0) -> 
     physics.place(q)
     physics.data.qvel[[physics.world.agents[0].dofs]] = qd
     command = Command(target, rate, feedforward)
-    physics.data.ctrl[physics.drives.actuator] = physics.drives.control(command, physics.q, physics.qd)
-    mujoco.mj_forward(physics.model, physics.data)
+    physics.step(command)
     K, D = physics.drives.gains.K, physics.drives.gains.D
     return K * (target - q) + D * (rate - qd) + feedforward
 
@@ -85,6 +84,42 @@ def test_an_actuators_own_limit_is_obeyed(limit, tmp_path):
         assert driven(physics)[0] == pytest.approx(np.clip(wanted, -1.0, 1.0))
 
 
+LIMITS = {
+    "force": ('<motor joint="j1" forcerange="-3 0.5"/>', "", (-3.0, 0.5)),
+    "control": ('<motor joint="j1" ctrlrange="-0.05 0.3" gear="10"/>', "", (-0.5, 3.0)),
+    "joint": ("", 'actuatorfrcrange="-0.5 2"', (-0.5, 2.0)),
+    "joint of a servo": ('<position joint="j1" kp="100" kv="3"/>', 'actuatorfrcrange="-20 5"', (-20.0, 5.0)),
+    "target of a servo": ('<position joint="j1" kp="100" kv="3" ctrlrange="-0.2 0.1"/>', "", None),
+    "none": ("", "", (-np.inf, np.inf)),
+}
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_a_drive_is_short_where_it_gives_something_else_than_it_is_asked_for(kind, tmp_path):
+    """Whichever limit it meets, on either side, and no other drive with it."""
+    actuators, joint, bounds = LIMITS[kind]
+    world = arm(tmp_path, actuators, joint)
+    physics, rng = Physics(world, nominal(world), WANTED), np.random.default_rng(3)
+    seen = []
+    for _ in range(60):
+        wanted = commanded(physics, rng)
+        gives = np.clip(wanted[0], *bounds) if bounds else driven(physics)[0]
+        limited = abs(gives - wanted[0]) > 1e-6
+        assert physics.short.tolist() == [limited, False, False]
+        seen.append(limited)
+    assert any(seen) == (kind != "none")
+    assert not all(seen)
+
+
+def test_a_drive_that_bears_its_bodys_weight_is_not_short(tmp_path):
+    world = arm(tmp_path, joint='actuatorgravcomp="true"', body='gravcomp="1"')
+    physics, rng = Physics(world, nominal(world), WANTED), np.random.default_rng(4)
+    for _ in range(20):
+        commanded(physics, rng)
+        assert np.abs(physics.data.qfrc_gravcomp).max() > 0.1
+        assert not physics.short.any()
+
+
 @pytest.mark.parametrize(
     ("actuators", "words"),
     [
@@ -108,7 +143,7 @@ def test_a_joint_answers_a_step_as_its_damping_ratio_says(ratio, overshoot, tmp_
     """Of a second-order system, overshoot = exp(−πζ/√(1 − ζ²)); ω = √(K/M) small against the period's rate."""
     world = arm(tmp_path, gravity=[0, 0, 0])
     home = np.zeros(3)
-    wanted = gains(world, home, Impedance(stiffness=20.0, damping=ratio))
+    wanted = gains(world, home, Impedance(stiffness=20.0, damping=ratio), PERIOD)
     target, way = np.array([0.02, 0.0, 0.0]), []
     held = Gains(np.array([wanted.K[0], 1e4, 1e5]), np.array([wanted.D[0], 1e2, 1e3]))  # the other joints fast
     physics = Physics(world, nominal(world), held)
@@ -124,7 +159,7 @@ def test_factors_of_friction_and_mass_reach_the_contacts(handmade):
     plan, _ = handmade["finger"]
     world = from_plan(plan.scene, plan.xml, plan.assets)
     reality = dataclasses.replace(nominal(world), friction=np.array([0.5, 1.2]), mass=1.7)
-    wanted = gains(world, plan.joints[0, 0], Impedance())
+    wanted = gains(world, plan.joints[0, 0], Impedance(), PERIOD)
     plain, changed = Physics(world, nominal(world), wanted), Physics(world, reality, wanted)
     for physics in (plain, changed):
         q = plan.joints[0, 0] + [0.0, 0.0, 0.01]
@@ -192,7 +227,7 @@ def test_the_world_as_planned_is_the_plans(handmade):
     plan, _ = handmade["hold"]
     plan = armed(plan)
     world = from_plan(plan.scene, plan.xml, plan.assets)
-    physics = Physics(world, nominal(world), gains(world, plan.joints[0, 0], Impedance()))
+    physics = Physics(world, nominal(world), gains(world, plan.joints[0, 0], Impedance(), PERIOD))
     for name in ("body_mass", "body_inertia", "geom_friction", "dof_armature", "jnt_range"):
         np.testing.assert_array_equal(getattr(physics.model, name), getattr(world.model, name))
     np.testing.assert_allclose(physics.p_WO, plan.object_position[0, 0], atol=1e-12)

@@ -27,8 +27,8 @@ from regrasp.verify.replay import (
     Replay,
     Trial,
     Trials,
+    agreement,
     control_of,
-    correlation,
     replay,
 )
 from regrasp.verify.trials import Perturbation
@@ -119,24 +119,37 @@ def test_drops_before_the_first_record_are_finite_in_json():
     assert told["wilson"][0] < told["rate"] < told["wilson"][1]
 
 
-def test_correlation_is_pearsons_over_the_contacts_alone():
+def records(planned: np.ndarray, measured: np.ndarray, bears: np.ndarray | None = None) -> Execution:
+    """An execution of which nothing is known but the forces."""
+    S, k, _ = planned.shape
+    return Execution(
+        time=np.zeros(S), interval=np.zeros(S, int), qpos=np.zeros((S, 7)), error=np.zeros((S, 6)), force_W=measured,
+        planned_W=planned, bears=np.ones((S, k), bool) if bears is None else bears, slip=np.zeros((S, k)),
+        strained=np.zeros((S, k), bool), touches=(), trouble=None, seconds=1.0, wall=1.0,
+    )  # fmt: skip
+
+
+def test_correlation_is_pearsons_and_gain_the_slope_over_the_contacts_alone():
     rng = np.random.default_rng(0)
     planned = rng.standard_normal((50, 2, 3))
     bears = rng.random((50, 2)) < 0.5
-    nothing = np.zeros(50)
-    run = Execution(
-        time=nothing, interval=np.zeros(50, int), qpos=np.zeros((50, 7)), error=np.zeros((50, 6)),
-        force_W=2.0 * planned + 0.3, planned_W=planned, bears=bears, slip=np.zeros((50, 2)),
-        strained=np.zeros((50, 2), bool), touches=(), trouble=None, seconds=1.0, wall=1.0,
-    )  # fmt: skip
+    run = records(planned, 2.0 * planned + 0.3, bears)
     run.force_W[~bears] = 100.0 * rng.standard_normal((np.sum(~bears), 3))
-    assert correlation(run) == pytest.approx(1.0)
+    assert agreement(run) == (pytest.approx(1.0), pytest.approx(2.0))
     run.force_W[:] = rng.standard_normal((50, 2, 3))
     x, y = run.force_W[bears].ravel(), planned[bears].ravel()
     wanted = np.mean((x - x.mean()) * (y - y.mean())) / (x.std() * y.std())
-    assert correlation(run) == pytest.approx(wanted)
-    assert correlation(dataclasses.replace(run, bears=np.zeros((50, 2), bool))) is None
-    assert correlation(dataclasses.replace(run, force_W=0 * planned)) is None
+    slope = np.polyfit(y, x, 1)[0]
+    assert agreement(run) == (pytest.approx(wanted), pytest.approx(slope))
+    assert agreement(dataclasses.replace(run, bears=np.zeros((50, 2), bool))) == (None, None)
+    assert agreement(dataclasses.replace(run, planned_W=0 * planned)) == (None, None)
+    assert agreement(dataclasses.replace(run, force_W=0 * planned)) == (None, 0.0)
+
+
+def test_a_lost_share_of_the_force_shows_in_the_gain_alone():
+    planned = np.random.default_rng(1).standard_normal((50, 2, 3))
+    for share in (0.2, 0.8, 1.0):
+        assert agreement(records(planned, share * planned)) == (pytest.approx(1.0), pytest.approx(share))
 
 
 def test_the_scenes_control_is_what_the_plan_is_run_with(handmade):
@@ -190,9 +203,12 @@ def test_the_command_says_passed_with_exit_0(handmade, tmp_path, capsys):
     again = replay(armed(handmade["finger"][0]), trials=2, seed=3, cores=1).to_dict()
     assert json.loads(json.dumps(again["trials"])) == answer["trials"]
     assert err == ""
-    assert main(["replay", path]) == 0
+    assert main(["replay", path, "--trials", "2", "--cores", "1"]) == 0
     shown = capsys.readouterr().out
-    assert all(mode in shown for mode in MODES)
+    assert shown.count("open") == shown.count("feedback") == 2
+    assert all(len(line) <= 80 for line in shown.splitlines() if path not in line)
+    assert "…" not in shown
+    assert f"{answer['nominal'][0]['gain']:.3f}" in shown
 
 
 def test_the_command_says_why_a_plan_failed_with_exit_1(handmade, tmp_path, capsys):

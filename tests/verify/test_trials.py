@@ -12,7 +12,7 @@ from regrasp.plan import NONE, STICK, Plan
 from regrasp.scene.world import World, from_plan
 from regrasp.settings import read
 from regrasp.verify.replay import replay
-from regrasp.verify.trials import Perturbation, draw, on_supports, wilson
+from regrasp.verify.trials import Perturbation, draw, possible, wilson
 
 RANGES = Perturbation(friction=0.3, mass=0.1, position=2e-3, rotation=0.05, timing=0.01)
 COUNT = 400
@@ -85,37 +85,71 @@ def standing(plan: Plan, normals: list[list[float]], modes: list[int] | None = N
     )  # fmt: skip
 
 
-OBLIQUE = [0.0, np.sqrt(0.5), np.sqrt(0.5)]
+SOLID = {"shape": "box", "size": [0.03, 0.02, 0.025], "rounding": 0.002, "mass": 0.2}
+
+
+def shaped(plan: Plan, solid: dict[str, object] | None = None) -> World:
+    """The handmade world with another solid; only its scene is looked at here."""
+    world = from_plan(plan.scene, plan.xml, plan.assets)
+    if solid is None:
+        return world
+    scene = world.scene.model_copy(update={"object": type(world.scene.object)(**solid)})
+    return dataclasses.replace(world, scene=scene)
+
+
+def part(vectors: np.ndarray, allowed: list[list[float]]) -> np.ndarray:
+    """The nearest to each vector in the span of the allowed directions, by normal equations."""
+    if not allowed:
+        return np.zeros_like(vectors)
+    span = np.linalg.qr(np.array(allowed, dtype=float).T)[0]
+    return vectors @ span @ span.T
+
+
+def check_possible(plan: Plan, world: World, shifts: list[list[float]], turns: list[list[float]]) -> None:
+    drawn = np.random.default_rng(0).standard_normal((20, 2, 3))
+    found = np.array([possible(plan, world, *each) for each in drawn])
+    np.testing.assert_allclose(found[:, 0], part(drawn[:, 0], shifts), atol=1e-8)
+    np.testing.assert_allclose(found[:, 1], part(drawn[:, 1], turns), atol=1e-8)
+
+
+X, Y, Z = np.eye(3).tolist()
+OBLIQUE, ALONG = [0.0, np.sqrt(0.5), np.sqrt(0.5)], [0.0, np.sqrt(0.5), -np.sqrt(0.5)]
+NEARLY = [1e-9, 0.0, 1.0]
+ALL = [X, Y, Z]
+STANDS = [
+    ([], ALL, ALL), ([Z], [X, Y], [Z]), ([Z] * 3, [X, Y], [Z]), ([Z, NEARLY], [X, Y], [Z]), ([OBLIQUE], [X, ALONG], [OBLIQUE]),
+    ([Z, X], [Y], []), ([Z, OBLIQUE], [X], []), ([OBLIQUE, Z, X], [], []),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("normals", "shifts", "turns"), STANDS)
+def test_a_standing_object_keeps_its_supports(handmade, normals, shifts, turns):
+    """It is pressed into none, lifted off none, tipped over none; a sphere may turn in its place as it likes."""
+    plan = standing(handmade["hold"][0], normals)
+    check_possible(plan, shaped(plan, SOLID), shifts, turns)
+    check_possible(plan, shaped(plan), shifts, ALL)
 
 
 @pytest.mark.parametrize(
-    "normals", [[[0, 0, 1]], [OBLIQUE], [[0, 0, 1], [1, 0, 0]], [[0, 0, 1], OBLIQUE], [OBLIQUE, [0, 0, 1], [1, 0, 0]]]
+    ("normals", "freedoms", "shifts", "turns"),
+    [
+        ([OBLIQUE], ("x", "y", "rz"), [X], []),  # along ALONG it would leave the plane of x and y
+        ([OBLIQUE], ("y", "z", "ry", "rz"), [ALONG], [OBLIQUE]),
+        ([Z], ("x", "y", "rx"), [X, Y], []),
+        ([Z], ("x", "z", "rz"), [X], [Z]),
+        ([Z, X], ("x", "y", "z"), [Y], []),
+        ([], ("x", "rz"), [X], [Z]),
+    ],
 )
-def test_a_standing_object_is_shifted_along_its_supports_only(handmade, normals):
-    """The nearest shift that presses it into none and lifts it off none."""
+def test_no_support_brings_back_a_frozen_axis(handmade, normals, freedoms, shifts, turns):
     plan = standing(handmade["hold"][0], normals)
-    for shift in np.random.default_rng(0).standard_normal((20, 3)):
-        found, _ = on_supports(plan, shift, np.zeros(3))
-        np.testing.assert_allclose(np.array(normals) @ found, 0.0, atol=1e-14)
-        span = np.array(normals).T
-        np.testing.assert_allclose(
-            span @ np.linalg.lstsq(span, shift - found, rcond=None)[0], shift - found, atol=1e-12
-        )
-
-
-def test_an_object_on_several_points_turns_about_their_normal_only(handmade):
-    turn = np.array([0.01, 0.02, 0.03])
-    two, one = (standing(handmade["hold"][0], [[0, 0, 1]] * count) for count in (2, 1))
-    np.testing.assert_allclose(on_supports(two, np.zeros(3), turn)[1], [0, 0, 0.03], atol=1e-15)
-    np.testing.assert_allclose(on_supports(one, np.zeros(3), turn)[1], turn)
+    scene = shaped(plan, SOLID).scene.model_copy(update={"freedoms": freedoms})
+    check_possible(plan, dataclasses.replace(shaped(plan), scene=scene), shifts, turns)
 
 
 def test_a_support_that_is_not_touched_at_the_start_does_not_count(handmade):
-    plan = standing(handmade["hold"][0], [[0, 0, 1], [1, 0, 0]], [NONE, STICK])
-    shift, turn = np.array([1.0, 2.0, 3.0]), np.array([0.01, 0.02, 0.03])
-    found = on_supports(plan, shift, turn)
-    np.testing.assert_allclose(found[0], [0, 2, 3], atol=1e-15)
-    np.testing.assert_allclose(found[1], turn)
+    plan = standing(handmade["hold"][0], [Z, X], [NONE, STICK])
+    check_possible(plan, shaped(plan, SOLID), [Y, Z], [X])
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ is: their targets move with the object, by its displacement e, smoothed.
 A displacement is a small rigid motion (shift of the object's origin, m; turn, rad), in W.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,10 +55,13 @@ def init(k: int) -> State:
 
 
 def displacement(p_WO: Array, R_WO: Array, p_measured: Array, R_measured: Array) -> Array:
-    """The displacement (6,) from a planned to a measured pose; turns below 90°."""
-    E = R_measured @ R_WO.T
-    turn = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
-    return np.concatenate([p_measured - p_WO, turn])
+    """The displacement (6,) from a planned to a measured pose: shift and rotation vector, of less than 180°."""
+    (a, xy, xz), (yx, b, yz), (zx, zy, c) = (R_measured @ R_WO.T).tolist()
+    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)  # the axis times sin θ
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = math.atan2(sine, 0.5 * (a + b + c - 1.0)) / sine if sine > 0.0 else 1.0
+    dx, dy, dz = (p_measured - p_WO).tolist()
+    return np.array([dx, dy, dz, scale * x, scale * y, scale * z])
 
 
 def step(settings: Feedback, state: State, error: Array, bears: NDArray[np.bool_], follows: bool) -> State:

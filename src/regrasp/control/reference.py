@@ -42,13 +42,14 @@ class Phases:
 class Reference:
     """T rows, one per control period; k agents, nq joints (agent after agent).
 
-    period: s. touch, start, end: rows at which the approach ends, the plan begins and the plan ends. interval (T,): the
-    plan's, −1 before it. q, qd (T, nq): rad or m, and their rates. p_WO (T, 3), R_WO (T, 3, 3). bears (T, k): who is in
-    contact; slides (T, k): who of them slides. force_W (T, k, 3): of the agents on the object, N. p_WC, n_W (T, k, 3): where
-    they act, and the object's outward normal there.
+    period: s. begin: s, the plan's time at its first instant. touch, start, end: rows at which the approach ends, the plan
+    begins and the plan ends. interval (T,): the plan's, −1 before it. q, qd (T, nq): rad or m, and their rates.
+    p_WO (T, 3), R_WO (T, 3, 3). bears, slides (T, k): who is in contact, who slides in it. force_W (T, k, 3): of the
+    agents on the object, N. p_WC, n_W (T, k, 3): where they act, and the object's outward normal there.
     """
 
     period: float
+    begin: float
     touch: int
     start: int
     end: int
@@ -67,8 +68,12 @@ class Reference:
         return len(self.q)
 
     def time(self, row: int) -> float:
-        """Time of a row on the plan's clock, s; negative before it begins."""
-        return (row - self.start) * self.period
+        """Time of a row on the plan's clock, s; less than `begin` before the plan begins."""
+        return self.begin + (row - self.start) * self.period
+
+
+CONTACT = ("bears", "slides", "force_W", "p_WC", "n_W")
+"""What a row says of each agent's contact."""
 
 
 def reference(plan: Plan, world: World, period: float, phases: Phases) -> Reference:
@@ -91,8 +96,8 @@ def reference(plan: Plan, world: World, period: float, phases: Phases) -> Refere
     interval = body.interval[rows].copy()
     interval[:lead] = -1
     return Reference(
-        period, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears, slides, force,
-        body.p_WC[rows], body.n_W[rows],
+        period, body.begin, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears,
+        slides, force, body.p_WC[rows], body.n_W[rows],
     )  # fmt: skip
 
 
@@ -105,19 +110,17 @@ def delayed(reference: Reference, joints: tuple[slice, ...], delay: float, rng: 
     T, k = reference.bears.shape
     rows = np.arange(T)
     out = replace(
-        reference, q=reference.q.copy(), qd=reference.qd.copy(), bears=reference.bears.copy(),
-        slides=reference.slides.copy(), force_W=reference.force_W.copy(), p_WC=reference.p_WC.copy(),
-        n_W=reference.n_W.copy(),
-    )  # fmt: skip
+        reference,
+        **{name: getattr(reference, name).copy() for name in ("q", "qd", *CONTACT)},
+    )
     for i in range(k):
         changes = np.flatnonzero(np.diff(reference.bears[:, i])) + 1
         errors = rng.uniform(-delay, delay, len(changes)) / reference.period
         shift = np.interp(rows, np.concatenate([[0], changes, [T - 1]]), np.concatenate([[0.0], errors, [0.0]]))
         source = np.clip(np.round(rows - shift).astype(int), 0, T - 1)
         out.q[:, joints[i]], out.qd[:, joints[i]] = reference.q[source, joints[i]], reference.qd[source, joints[i]]
-        out.bears[:, i], out.force_W[:, i] = reference.bears[source, i], reference.force_W[source, i]
-        out.p_WC[:, i], out.n_W[:, i] = reference.p_WC[source, i], reference.n_W[source, i]
-        out.slides[:, i] = reference.slides[source, i]
+        for name in CONTACT:
+            getattr(out, name)[:, i] = getattr(reference, name)[source, i]
     return out
 
 
@@ -152,7 +155,9 @@ def _sampled(plan: Plan, period: float) -> Reference:
             "tab,tkb->tka", R_WO[rows], np.nan_to_num((1 - u) * plan.n_O[j, s] + u * plan.n_O[j, s + 1])
         )
     # The table's period is the controller's; the plan is stretched to a whole number of periods.
-    return Reference(period, 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC, n_W)
+    return Reference(
+        period, float(begin), 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC, n_W
+    )  # fmt: skip
 
 
 def _approach(plan: Plan, world: World, period: float, standoff: float, rows: int) -> tuple[Array, Array]:

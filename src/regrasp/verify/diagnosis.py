@@ -82,5 +82,6 @@ def _events(run: Execution, names: Sequence[str]) -> list[tuple[int, str, str]]:
         if run.strained[:, i].any():
             found.append((int(np.argmax(run.strained[:, i])), name, "has a drive at its limit"))
     for touch in run.touches:
-        found.append((int(np.searchsorted(run.time, touch.time)), touch.first, f"touched {touch.second}"))
+        second = "the object" if touch.second == "object" else touch.second
+        found.append((int(np.searchsorted(run.time, touch.time)), touch.first, f"touched {second}"))
     return [(min(row, len(run.time) - 1), who, why) for row, who, why in found]

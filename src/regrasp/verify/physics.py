@@ -3,6 +3,8 @@
 It may differ from the planned one, as the real one does.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -22,6 +24,8 @@ RIGID = 2.0 * PERIOD
 """Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in by 0.3 mm per newton,
 which the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
 FIXTURE = "start fixture"
+SHORT, LEAST = 1e-3, 1e-6
+"""Part of what is asked of a drive, and N m or N, by which it may miss that: more than rounding."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,9 @@ def nominal(world: World) -> Reality:
 
 @dataclass(frozen=True)
 class Drives:
-    """Affine actuators, one per agent joint: joint force = gain·ctrl + offset + stiff·q + damp·q̇, each (nq,), with ctrl
-    clipped to lower … upper. gains: K and D that the controller may count on; a servo's own where the model has one.
+    """Affine actuators, one per agent joint: joint force = gain·ctrl + offset + stiff·q + damp·q̇, each (nq,), as far as
+    the limits of actuator and joint allow. gains: K and D that the controller may count on; a servo's own where the
+    model has one.
     """
 
     actuator: NDArray[np.int64]
@@ -61,20 +66,22 @@ class Drives:
     damp: Array
     gains: Gains
 
-    def control(self, command: Command, q: Array, qd: Array) -> Array:
-        """ctrl (nq,) that makes the joints obey τ = K (q_d − q) + D (q̇_d − q̇) + τ_ff."""
-        K, D = self.gains.K, self.gains.D
-        torque = K * (command.q - q) + D * (command.qd - qd) + command.feedforward
+    def torque(self, command: Command, q: Array, qd: Array) -> Array:
+        """What the command asks of the joints (nq,): τ = K (q_d − q) + D (q̇_d − q̇) + τ_ff."""
+        return self.gains.K * (command.q - q) + self.gains.D * (command.qd - qd) + command.feedforward
+
+    def control(self, torque: Array, q: Array, qd: Array) -> Array:
+        """ctrl (nq,) that makes the joints obey."""
         return np.asarray((torque - self.offset - self.stiff * q - self.damp * qd) / self.gain)
 
 
 def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
-    """Gives every agent joint that has no actuator an impedance drive with the joint's force limit."""
+    """Gives every agent joint that has no actuator an impedance drive; the joint's force limit holds for it too."""
     model = world.model
     driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
     at = 0
     for agent in world.agents:
-        for joint, limit in zip(agent.joints, agent.torque, strict=True):
+        for joint in agent.joints:
             if int(joint) not in driven:
                 actuator = spec.add_actuator(
                     name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
@@ -83,9 +90,6 @@ def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
                 )  # fmt: skip
                 actuator.gainprm[0] = wanted.K[at]
                 actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
-                if np.isfinite(limit):
-                    actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-                    actuator.forcerange = [-limit, limit]
             at += 1
 
 
@@ -150,6 +154,8 @@ class Physics:
         self.world = world
         self._qpos = np.concatenate([agent.qpos for agent in world.agents])
         self._dofs = np.concatenate([agent.dofs for agent in world.agents])
+        self._borne = model.jnt_actgravcomp[np.concatenate([agent.joints for agent in world.agents])] != 0
+        self._asked = np.zeros(len(self._qpos))
         pose = world.scene.start.pose
         turned = Rotation.from_rotvec(reality.turn) * Rotation.from_quat(pose.wxyz, scalar_first=True)
         place = [*(np.array(pose.p) + reality.shift), *turned.as_quat(scalar_first=True)]
@@ -190,5 +196,26 @@ class Physics:
 
     def step(self, command: Command) -> None:
         """One period under the command."""
-        self.data.ctrl[self.drives.actuator] = self.drives.control(command, self.q, self.qd)
-        mujoco.mj_step(self.model, self.data)
+        data, q, qd = self.data, self.q, self.qd
+        self._asked = self.drives.torque(command, q, qd)
+        data.ctrl[self.drives.actuator] = self.drives.control(self._asked, q, qd)
+        mujoco.mj_step(self.model, data)
+
+    @property
+    def short(self) -> NDArray[np.bool_]:
+        """Whose drive gave something else in the last step than it was asked for (nq,): whichever limit it met."""
+        data, asked = self.data, self._asked
+        # Drives that bear the weight of their bodies by themselves do that on top of what they are asked for.
+        given = data.qfrc_actuator[self._dofs] - self._borne * data.qfrc_gravcomp[self._dofs]
+        return np.asarray(np.abs(given - asked) > SHORT * np.abs(asked) + LEAST)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps MuJoCo from telling its warnings on stderr and in a file MUJOCO_LOG.TXT; its data count them all the same."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)

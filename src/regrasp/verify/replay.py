@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from regrasp.control.controller import Control
 from regrasp.control.impedance import gains
 from regrasp.control.reference import reference
-from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
+from regrasp.plan import Plan
 from regrasp.scene.world import World, from_plan
 from regrasp.settings import read
 from regrasp.verify.diagnosis import Failure, diagnose, succeeded
@@ -41,9 +41,10 @@ RATE = 0.95
 class Nominal:
     """One execution in the world as planned: the figures, and the Execution itself.
 
-    tolerance, tube: m and rad allowed at the goal and on the way; final, largest: found there. force: N, the largest of an
-    agent. slip: m, the largest of an agent where it should not slide. correlation: of the measured with the planned force
-    components; None where the plan has none. speed: simulated over real time.
+    tolerance, tube: m and rad allowed at the goal and on the way; final, largest: found there. force: N, the largest of
+    an agent. slip: m, the largest of an agent where it should not slide. correlation, gain: of the measured with the
+    planned force components, and the share of the planned ones that is there; None where the plan has none. speed:
+    simulated over real time.
     """
 
     mode: str
@@ -56,6 +57,7 @@ class Nominal:
     slip: float
     force: float
     correlation: float | None
+    gain: float | None
     speed: float
     run: Execution
 
@@ -174,8 +176,7 @@ class Bench:
         self.plan, self.control = plan, control
         self.world: World = from_plan(plan.scene, plan.xml, plan.assets)
         self.reference = reference(plan, self.world, PERIOD, control.phases)
-        self.gains = gains(self.world, plan.joints[0, 0], control.impedance)
-        self.sliding = (plan.V >= FIRST_SLIDE) & (plan.V < RELOCATE)
+        self.gains = gains(self.world, plan.joints[0, 0], control.impedance, PERIOD)
         self.size = 2.0 * float(np.max(self.world.model.geom_rbound[self.world.object_geoms]))
 
     def tolerance(self, plain: tuple[float, float]) -> tuple[float, float]:
@@ -184,8 +185,7 @@ class Bench:
 
     def run(self, mode: str, reality: Reality, rng: np.random.Generator) -> Execution:
         """One execution."""
-        sees = mode == "feedback"
-        return execute(self.world, self.reference, self.sliding, self.gains, reality, self.control, sees, rng)
+        return execute(self.world, self.reference, self.gains, reality, self.control, mode == "feedback", rng)
 
     def nominal(self, mode: str) -> Nominal:
         """The execution in the world as planned, judged."""
@@ -197,7 +197,7 @@ class Bench:
         passed = succeeded(run, tolerance) and largest[0] <= tube[0] and largest[1] <= tube[1]
         return Nominal(
             mode, passed, failure, tolerance, tube, final, largest, float(run.slip.max(initial=0.0)), largest_force(run),
-            correlation(run), run.seconds / run.wall, run,
+            *agreement(run), run.seconds / run.wall, run,
         )  # fmt: skip
 
     def trial(self, mode: str, ranges: Perturbation, seed: int, number: int) -> Trial:
@@ -214,12 +214,16 @@ def largest_force(run: Execution) -> float:
     return float(np.linalg.norm(run.force_W, axis=2).max(initial=0.0))
 
 
-def correlation(run: Execution) -> float | None:
-    """Pearson's correlation of measured and planned force components over all agents and records in contact."""
+def agreement(run: Execution) -> tuple[float | None, float | None]:
+    """Pearson's correlation of measured and planned force components over all agents and records in contact, and the
+    slope of the measured over the planned ones (least squares): 1 where all of the planned force is there."""
     measured, planned = run.force_W[run.bears].ravel(), run.planned_W[run.bears].ravel()
-    if len(planned) < 2 or np.ptp(planned) == 0.0 or np.ptp(measured) == 0.0:
-        return None
-    return float(np.corrcoef(measured, planned)[0, 1])
+    if len(planned) < 2 or np.ptp(planned) == 0.0:
+        return None, None
+    (spread, common), (_, variance) = np.cov(planned, measured)
+    if variance == 0.0:
+        return None, 0.0
+    return float(common / math.sqrt(spread * variance)), float(common / spread)
 
 
 def _errors(run: Execution) -> tuple[tuple[float, float], tuple[float, float]]:

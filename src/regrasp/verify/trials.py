@@ -14,6 +14,11 @@ from regrasp.verify.physics import Reality
 Array = NDArray[np.float64]
 
 
+SHIFTS, TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
+SAME = 1e-6
+"""Directions that differ by less are one."""
+
+
 @dataclass(frozen=True)
 class Perturbation:
     """Ranges, ± uniform: friction and mass: parts of the planned value. position, m, and rotation, rad: of the object at
@@ -40,11 +45,9 @@ class Perturbation:
 
 def draw(plan: Plan, world: World, ranges: Perturbation, rng: np.random.Generator) -> Reality:
     """A world within the ranges. Every tip and support has its own friction."""
-    freedoms = world.scene.freedoms
-    free = np.array([axis in freedoms for axis in ("x", "y", "z", "rx", "ry", "rz")], dtype=float)
-    shift = rng.uniform(-ranges.position, ranges.position, 3) * free[:3]
-    turn = rng.uniform(-ranges.rotation, ranges.rotation, 3) * free[3:]
-    shift, turn = on_supports(plan, shift, turn)
+    shift = rng.uniform(-ranges.position, ranges.position, 3)
+    turn = rng.uniform(-ranges.rotation, ranges.rotation, 3)
+    shift, turn = possible(plan, world, shift, turn)
     surfaces = len(world.agents) + len(world.support_geoms)
     return Reality(
         friction=rng.uniform(1.0 - ranges.friction, 1.0 + ranges.friction, surfaces),
@@ -56,15 +59,22 @@ def draw(plan: Plan, world: World, ranges: Perturbation, rng: np.random.Generato
     )
 
 
-def on_supports(plan: Plan, shift: Array, turn: Array) -> tuple[Array, Array]:
-    """The part of a displacement that an object standing on supports can have: along them, and about their normals
-    where more than one point touches; a single point lets it roll about itself."""
-    standing = plan.support_mode[0] != NONE
-    normals = plan.support_n_W[0, 0, standing]
-    shift = shift - np.linalg.pinv(normals) @ (normals @ shift)
-    if len(normals) > 1:
-        turn = (turn @ normals[0]) * normals[0]
-    return shift, turn
+def possible(plan: Plan, world: World, shift: Array, turn: Array) -> tuple[Array, Array]:
+    """The part of a displacement that the object can have at the start: in the scene's freedoms, along its supports and
+    about their common normal. A sphere turns about any axis; what stands on supports of different normals does not turn.
+    """
+    frozen = [np.eye(3)[[axis not in world.scene.freedoms for axis in axes]] for axes in (SHIFTS, TURNS)]
+    normals = plan.support_n_W[0, 0, plan.support_mode[0] != NONE]
+    held = np.empty((0, 3))
+    if len(normals) and world.scene.object.shape != "sphere":
+        agree = np.allclose(normals, normals[0], atol=SAME)
+        held = np.eye(3) - np.outer(normals[0], normals[0]) * agree
+    return _without(shift, np.concatenate([frozen[0], normals])), _without(turn, np.concatenate([frozen[1], held]))
+
+
+def _without(vector: Array, directions: Array) -> Array:
+    """The part of a vector (3,) across all the directions (n, 3)."""
+    return np.asarray(vector - np.linalg.pinv(directions, rcond=SAME) @ (directions @ vector))
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:

@@ -1,7 +1,10 @@
 """The answers of the command line's commands as text on stdout, for people."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 JSON = "--json: print one JSON object on stdout instead of text."
 
@@ -43,30 +46,25 @@ def certificate(answer: dict[str, Any]) -> None:
 def replay(answer: dict[str, Any]) -> None:
     """Both modes as planned, and the perturbed trials, as tables."""
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
     title = f"{answer['plan']}: {'executed' if answer['passed'] else 'failed'}"
-    table = Table(title=title, title_justify="left")
-    for heading in ("", "as planned", "at goal", "on the way", "slip", "force", "correlation", "speed"):
-        table.add_column(heading, justify="left" if heading in ("", "as planned") else "right")
+    table = _narrow(title, ("", "as planned"), ("at goal", "on the way", "slip", "force", "corr.", "ratio", "speed"))
     for row in answer["nominal"]:
         table.add_row(
             _mark(row["passed"]), row["mode"], _errors(row["final"]), _errors(row["largest"]),
-            f"{1e3 * row['slip']:.2f} mm", f"{row['force']:.2f} N",
-            "-" if row["correlation"] is None else f"{row['correlation']:.3f}", f"{row['speed']:.0f}×",
+            f"{1e3 * row['slip']:.1f} mm", f"{row['force']:.1f} N", _ratio(row["correlation"]), _ratio(row["gain"]),
+            f"{row['speed']:.0f}×",
         )  # fmt: skip
     console.print(table)
     if not answer["trials"]:
         return
-    table = Table(title="perturbed trials", title_justify="left")
-    for heading in ("", "mode", "at goal", "95 % interval", "median", "worst", "drops", "slip", "force"):
-        table.add_column(heading, justify="left" if heading in ("", "mode") else "right")
+    table = _narrow("perturbed trials", ("", "mode"), ("at goal", "95 %", "median", "worst", "drops", "slip", "force"))
     for row in answer["trials"]:
         low, high = row["wilson"]
         table.add_row(
             _mark(row["passed"]), row["mode"], f"{row['successes']} of {row['trials']}",
-            f"{100 * low:.0f} to {100 * high:.0f} %", _errors(row["median_error"]), _errors(row["worst_error"]),
+            f"{100 * low:.0f}–{100 * high:.0f} %", _errors(row["median_error"]), _errors(row["worst_error"]),
             str(row["drops"]), f"{1e3 * row['largest_slip']:.1f} mm", f"{row['largest_force']:.1f} N",
         )  # fmt: skip
     console.print(table)
@@ -75,6 +73,20 @@ def replay(answer: dict[str, Any]) -> None:
             who = f"{failure['who']} " if failure["who"] else ""
             place = f"interval {failure['interval']}, t = {failure['time']:.2f} s"
             print(f"{row['mode']}, trial {failure['trial']}: {place}: {who}{failure['why']}")
+
+
+def _narrow(title: str, words: tuple[str, ...], figures: tuple[str, ...]) -> "Table":
+    """A table without lines, which fits 80 columns."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for heading in (*words, *figures):
+        table.add_column(heading, justify="left" if heading in words else "right", no_wrap=True)
+    return table
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def _mark(passed: bool) -> str:
