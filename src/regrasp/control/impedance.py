@@ -74,7 +74,8 @@ def gains(world: World, joints: Array, settings: Impedance, period: float) -> Ga
         free = 1.0 / np.diag(np.linalg.inv(inertia))
         stiffness = settings.stiffness * np.where(hinge, np.maximum(lever, least), lever) ** 2
         stiffness = np.minimum(stiffness, (STEADY / period) ** 2 * free)
-        wanted = 2.0 * settings.damping * np.sqrt(stiffness * np.diag(inertia))
+        moved = np.diag(inertia) + model.body_mass[world.object_body] * lever**2
+        wanted = 2.0 * settings.damping * np.sqrt(stiffness * moved)
         damping = np.maximum(wanted - model.dof_damping[agent.dofs], 0.0)  # the joint's own friction damps too
         fastest = period * np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping))).real.max()
         K.append(stiffness)
