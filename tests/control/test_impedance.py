@@ -74,11 +74,12 @@ def test_stiffness_is_that_of_the_tip_at_the_joints_lever(world):
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 2.0])
 def test_every_joints_own_mode_has_the_damping_ratio(world, ratio):
-    """M q̈ + D q̇ + K q = 0 has the ratio D / 2√(KM); what the joint damps itself counts."""
+    """M q̈ + D q̇ + K q = 0 has the ratio D / 2√(KM), M with the object at the tip; what the joint damps itself counts."""
     own = world.model.dof_damping[np.concatenate([agent.dofs for agent in world.agents])]
     for q in postures(world):
         found = gains(world, q, Impedance(damping=ratio), FAST)
-        wanted = 2.0 * ratio * np.sqrt(found.K * inertias(world, q))
+        carried = world.scene.object.mass * levers(world, q) ** 2
+        wanted = 2.0 * ratio * np.sqrt(found.K * (inertias(world, q) + carried))
         np.testing.assert_allclose(found.D + own, np.maximum(wanted, own), rtol=1e-6)
 
 
