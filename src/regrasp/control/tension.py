@@ -3,8 +3,9 @@
 Where the tips stand off their targets, the offsets d fall into a rigid motion of all of them, which is the object being
 elsewhere, and a rest, which is strain between the fingers: contacts that are not quite where the plan has them make it grow as
 they roll. The rest is let go slowly, so that the forces between the fingers stay those that are fed forward; the rigid part is
-kept, the object is held as stiffly as before. Where a finger slides its offset along the normal is let go quickly: it presses
-with the force of the plan wherever the surface is.
+kept, the object is held as stiffly as before. Where a finger slides its offset along the normal is let go quickly, so that it
+presses with the force of the plan wherever the surface is, and that along the surface slowly: it must not jam where the
+surface is another than planned.
 """
 
 from dataclasses import dataclass
@@ -49,5 +50,6 @@ def released(
     if np.count_nonzero(sticks) > 1:
         out[sticks] = min(1.0, settings.between * period) * strain(p[sticks], d[sticks])
     along = np.sum(d[slides] * n[slides], axis=1, keepdims=True) * n[slides]
-    out[slides] = min(1.0, settings.sliding * period) * along
+    across = d[slides] - along
+    out[slides] = min(1.0, settings.sliding * period) * along + min(1.0, settings.between * period) * across
     return out
