@@ -7,6 +7,7 @@ import pytest
 import springs
 from arcs import Arc, arc
 from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.basis import program
 from regrasp.kernels.forces import EDGES, contact_forces
@@ -216,3 +217,23 @@ def test_what_shares_a_disturbance() -> None:
     np.testing.assert_allclose(shared([0, 0, 0], STICK), three[:2], rtol=1e-9)
     # In a plane one contact bears two components of force, and no torque.
     np.testing.assert_allclose(shared([0, SLIDE_MINUS_Y, 0], SLIDE), [0.1 * np.sqrt(2.0), 0.0], atol=1e-12)
+
+
+def test_the_plane_of_disturbances_is_that_of_the_world() -> None:
+    """However the frame O lies in it: the same contacts told in another O have the same to spare."""
+    a, margins, rng = arc("fig2-planar"), Margins(0.3, 0.05, 0.1, 0.5), np.random.default_rng(4)
+    bears, codes = np.ones(3, np.uint8), np.zeros(3, np.int8)
+    for _ in range(10):
+        c, R = random_contacts(a, rng), Rotation.random(random_state=rng).as_matrix()
+        turned = replace(
+            a.path,
+            R_WO=a.path.R_WO @ R.T,
+            support_p_O=a.path.support_p_O @ R.T,
+            support_mode=a.path.support_mode * 0 + STICK,
+        )
+        least = np.full((2, 3), np.nan)
+        straight = replace(a.path, support_mode=turned.support_mode)
+        spares(a.hand, straight, ZERO, ZERO, bears, codes, c.p, margins, least[0])
+        assert not a.hand.p_OM_O.any()
+        spares(a.hand, turned, ZERO, ZERO, bears, codes, c.p @ R.T, margins, least[1])
+        np.testing.assert_allclose(least[1], least[0], rtol=1e-9)

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program
 from regrasp.kernels.forces import EDGES, friction_edges, ray
+from regrasp.kernels.rotations import rotate
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.hand import Hand
@@ -101,11 +102,13 @@ def spares(
             sticks[i] = 1
             for a in range(3):
                 p[i, a] = (p_OC[i, a] - hand.p_OM_O[a]) / hand.radius
+            rotate(path.R_WO[j, s], p[i], p[i])
     for column in range(slots):
         if path.support_mode[j, column] == STICK:
             sticks[k + column] = 1
             for a in range(3):
                 p[k + column, a] = (path.support_p_O[j, s, column, a] - hand.p_OM_O[a]) / hand.radius
+            rotate(path.R_WO[j, s], p[k + column], p[k + column])
     shares(p, sticks, hand.shifts, hand.turns, share)
     for i in range(k):
         least[i] = spare(margins, hand.mu[i], share[i], hand.cap[i]) if bears[i] else 0.0

@@ -34,8 +34,8 @@ class Hand(Record):
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
     kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
-    needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes along and
-    about which disturbances act, 0 for those that would lead out of the scene's plane.
+    needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes of W along
+    and about which disturbances act, 0 for those that would lead out of the scene's plane.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
     home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
     p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
