@@ -263,7 +263,7 @@ def test_without_friction_forces_are_normal_and_the_slip_is_the_way(handmade):
         fallen = np.linalg.norm(between[middle] - between[0])
         speed = np.linalg.norm(between[middle] - between[middle - 1])
         assert fallen > 5e-4
-        assert abs(run.slip[middle, i] - fallen) < 1.5 * speed
+        assert 0.5 * fallen < run.slip[middle, i] < fallen + 1.5 * speed
 
 
 def low(plan: Plan, share: float) -> Plan:
