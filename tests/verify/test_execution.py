@@ -10,6 +10,7 @@ from armed import armed, limp
 from handmade import BALL, TIP, WEIGHT, Interval, after, arc, around, build, compose, free_tips, line, scene, stay
 
 from regrasp.control.controller import Control, agent_joints
+from regrasp.control.tension import Release
 from regrasp.plan import FIRST_SLIDE, OFF, STAY, Plan
 from regrasp.verify.execution import EVERY, LOST, NEAR, Execution, geom_names
 from regrasp.verify.physics import PERIOD, Physics, Reality, nominal
@@ -19,13 +20,18 @@ TICK = EVERY * PERIOD
 FREE = ("hold", "carry", "roll", "slide", "relocate", "rim")
 WITHIN = {name: (3e-4, np.radians(0.3)) for name in FREE} | {
     "push": (1e-3, np.radians(0.1)),
+    "relocate": (3e-4, np.radians(0.5)),
     "finger": (1e-3, np.radians(1.0)),
 }
 """m, rad, at the goal, open loop; on the way two and a half times as much."""
 
 
-def executed(plan: Plan, mode: str = "open", **reality: object) -> Execution:
-    bench = Bench(armed(plan), Control())
+STIFF = Control(release=Release(between=0.0, sliding=0.0))
+"""The impedance law alone: no strain is let go, so that forces and slides are what the joints say."""
+
+
+def executed(plan: Plan, mode: str = "open", control: Control | None = None, **reality: object) -> Execution:
+    bench = Bench(armed(plan), control or Control())
     return bench.run(mode, dataclasses.replace(nominal(bench.world), **reality), np.random.default_rng(0))
 
 
@@ -88,9 +94,10 @@ def test_forces_are_those_on_the_object_whichever_geom_comes_first(handmade):
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_at_rest_every_tip_presses_as_its_impedance_says(runs, handmade, name):
+def test_at_rest_every_tip_presses_as_its_impedance_says(handmade, name):
     """f = f_d + K (q_d − q) of a free-flying tip's slides: the planned force, less what the contact gives way."""
-    run, (plan, world) = runs[name], handmade[name]
+    plan, world = handmade[name]
+    run = executed(plan, control=STIFF)
     bench = Bench(armed(plan), Control())
     slides = [mine.start + np.arange(3) for mine in agent_joints(world)]
     for i, (agent, mine) in enumerate(zip(world.agents, slides, strict=True)):
@@ -115,11 +122,13 @@ def test_slip_is_the_way_that_a_tip_slides_where_the_plan_has_it_stay(runs, hand
     """The plan slides by 6 mm and across that by 5 mm; told that it rolls or stays, the record holds them against the tip."""
     plan, _ = handmade["slide"]
     assert np.all(runs["slide"].slip[-1] < 1.5e-3)
-    accused = executed(dataclasses.replace(plan, V=np.where(plan.V >= FIRST_SLIDE, STAY, plan.V).astype(np.int8)))
+    accused = executed(
+        dataclasses.replace(plan, V=np.where(plan.V >= FIRST_SLIDE, STAY, plan.V).astype(np.int8)), control=STIFF
+    )
     assert accused.slip[-1, 3] == pytest.approx(np.hypot(0.006, 0.005), abs=1e-3)
     halfway = accused.slip[np.searchsorted(accused.time, 1.0), 3]
     assert halfway == pytest.approx(0.006, abs=1e-3)
-    np.testing.assert_allclose(accused.slip[-1, :3], runs["slide"].slip[-1, :3], atol=1e-5)
+    np.testing.assert_allclose(accused.slip[-1, :3], executed(plan, control=STIFF).slip[-1, :3], atol=1e-9)
 
 
 def test_with_too_little_friction_the_object_slips_through_the_fingers(handmade):
@@ -229,7 +238,7 @@ def test_forces_and_slip_are_read_whatever_the_contacts_dimension(condim, handma
     for name in ("hold", "slide"):
         plan = handmade[name][0]
         plan = dataclasses.replace(plan, V=np.where(plan.V >= FIRST_SLIDE, STAY, plan.V).astype(np.int8))
-        run = executed(contacts_of(plan, {"condim": f"{condim}"}, {"condim": f"{condim}"}))
+        run = executed(contacts_of(plan, {"condim": f"{condim}"}, {"condim": f"{condim}"}), control=STIFF)
         assert run.trouble is None
         np.testing.assert_allclose(run.force_W[-1].sum(axis=0), [0, 0, WEIGHT], atol=1e-3 * WEIGHT)
         assert np.all(run.slip[-1, :3] < 5e-4)
@@ -254,7 +263,7 @@ def test_without_friction_forces_are_normal_and_the_slip_is_the_way(handmade):
         fallen = np.linalg.norm(between[middle] - between[0])
         speed = np.linalg.norm(between[middle] - between[middle - 1])
         assert fallen > 5e-4
-        assert abs(run.slip[middle, i] - fallen) < 1.5 * speed
+        assert 0.5 * fallen < run.slip[middle, i] < fallen + 1.5 * speed
 
 
 def low(plan: Plan, share: float) -> Plan:

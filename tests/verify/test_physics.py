@@ -141,7 +141,8 @@ def test_drives_that_cannot_be_counted_on_are_refused(actuators, words, tmp_path
 @pytest.mark.parametrize(("ratio", "overshoot"), [(0.3, np.exp(-np.pi * 0.3 / np.sqrt(1 - 0.09))), (1.0, 0.0)])
 def test_a_joint_answers_a_step_as_its_damping_ratio_says(ratio, overshoot, tmp_path):
     """Of a second-order system, overshoot = exp(−πζ/√(1 − ζ²)); ω = √(K/M) small against the period's rate."""
-    world = arm(tmp_path, gravity=[0, 0, 0])
+    bare = {"shape": "sphere", "size": [0.03], "mass": 1e-4}  # nothing to carry
+    world = arm(tmp_path, gravity=[0, 0, 0], object=bare)
     home = np.zeros(3)
     wanted = gains(world, home, Impedance(stiffness=20.0, damping=ratio), PERIOD)
     target, way = np.array([0.02, 0.0, 0.0]), []
