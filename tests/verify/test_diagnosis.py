@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from regrasp.verify.diagnosis import diagnose, succeeded
+from regrasp.verify.diagnosis import GONE, diagnose, succeeded
 from regrasp.verify.execution import EVERY, Execution, Touch, Trouble
 from regrasp.verify.physics import PERIOD
 
 TICK = EVERY * PERIOD
+LONG = round(GONE / TICK)
+"""Records without force that are a lost contact."""
 S, K = 200, 3
 NAMES = ("thumb", "index", "ring")
 TOLERANCE = (3e-3, 0.05)
@@ -83,7 +85,7 @@ def test_a_lost_contact_is_told_with_when_it_began(agent, row):
 
 def test_a_short_gap_a_light_finger_and_one_that_is_off_have_not_lost_contact():
     run = drifting(fine())
-    run.force_W[20:24, 0] = 0.0
+    run.force_W[20 : 20 + LONG - 1, 0] = 0.0
     run.planned_W[:, 1] *= 0.1
     run.force_W[:, 1] = 0.0
     run.bears[:, 2] = False
@@ -93,8 +95,8 @@ def test_a_short_gap_a_light_finger_and_one_that_is_off_have_not_lost_contact():
 
 def test_gaps_add_up_only_when_they_follow_each_other():
     run = drifting(fine())
-    for row in range(0, 150, 5):
-        run.force_W[row : row + 4, 0] = 0.0
+    for row in range(0, 150, LONG):
+        run.force_W[row : row + LONG - 1, 0] = 0.0
     assert told(run)[2] == "object"
 
 
@@ -117,13 +119,13 @@ def test_a_drive_at_its_limit_is_told():
 
 def test_a_contact_that_the_plan_does_not_have_is_told():
     run = dataclasses.replace(
-        drifting(fine()), touches=(Touch("link3", "post", 160 * TICK), Touch("object", "post", 0.7))
+        drifting(fine()), touches=(Touch("link3", "post", 160 * TICK), Touch("object", "post", 70 * TICK))
     )
     interval, time, who, why = told(run)
     assert (interval, who, why) == (1, "object", "touched post")
-    assert time == pytest.approx(0.7, abs=TICK)
-    run = dataclasses.replace(run, touches=(Touch("ring", "object", 1.1),))
-    assert str(diagnose(run, NAMES, TOLERANCE)) == "interval 2, t = 1.10 s: ring touched the object"
+    assert time == pytest.approx(70 * TICK, abs=TICK)
+    run = dataclasses.replace(run, touches=(Touch("ring", "object", 110 * TICK),))
+    assert str(diagnose(run, NAMES, TOLERANCE)) == f"interval 2, t = {110 * TICK:.2f} s: ring touched the object"
 
 
 EVENTS = {
@@ -170,4 +172,4 @@ def test_before_the_first_record_trouble_itself_is_told():
 def test_a_failure_reads_as_a_sentence():
     run = drifting(fine())
     run.force_W[130:, 0] = 0.0
-    assert str(diagnose(run, NAMES, TOLERANCE)) == "interval 2, t = 1.30 s: thumb lost contact"
+    assert str(diagnose(run, NAMES, TOLERANCE)) == f"interval 2, t = {130 * TICK:.2f} s: thumb lost contact"

@@ -15,8 +15,8 @@ from regrasp.control.reference import Phases
 from regrasp.errors import InputError
 from regrasp.plan import Plan
 from regrasp.verify.diagnosis import Failure
-from regrasp.verify.execution import Execution
-from regrasp.verify.physics import nominal
+from regrasp.verify.execution import EVERY, Execution
+from regrasp.verify.physics import PERIOD, nominal
 from regrasp.verify.replay import (
     LARGE,
     MODES,
@@ -157,7 +157,7 @@ def test_the_scenes_control_is_what_the_plan_is_run_with(handmade):
     control = control_of(plan)
     assert control == Control(impedance=Impedance(stiffness=300.0), phases=Phases(hold=0.1))
     soft, stiff = (replay(armed(each)).nominal[0].run for each in (plan, handmade["hold"][0]))
-    assert len(soft.time) == len(stiff.time) - 40
+    assert len(soft.time) == len(stiff.time) - round(0.4 / (EVERY * PERIOD))
     given = replay(armed(plan), control=Control()).nominal[0].run
     np.testing.assert_array_equal(given.error, stiff.error)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from regrasp.control import feedback as object_feedback
 from regrasp.control.feedback import Feedback, displacement, tip_shift
 from regrasp.control.impedance import Command, Impedance
-from regrasp.control.reference import Phases, Reference, solve_step
+from regrasp.control.reference import Phases, Reference, solve_steps, weights
 from regrasp.control.tension import Release, released
 from regrasp.scene.world import World
 
@@ -43,12 +43,13 @@ class Controller:
         self._data.qpos[:] = world.start
         self._addresses = np.concatenate([agent.qpos for agent in world.agents])
         self._dofs = np.concatenate([agent.dofs for agent in world.agents])
-        self._joints = agent_joints(world)
         self._damping = self._model.dof_damping[self._dofs]
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))
         self._tips = [agent.tip_geom for agent in world.agents]
-        self._radii = self._model.geom_rbound[self._tips]
+        joints = np.array([len(agent.qpos) for agent in world.agents])
+        self._owner = np.repeat(np.arange(len(joints)), joints)
+        self._weight = weights(joints, self._model.geom_rbound[self._tips])
 
     def command(self, row: int, q: Array, qd: Array) -> Command:
         """What the drives get for this row of the reference, with the joints at q (nq,), moving at qd."""
@@ -82,15 +83,17 @@ class Controller:
         p = self._data.geom_xpos[self._tips]
         for i, agent in enumerate(self.world.agents):
             mujoco.mj_jac(self._model, self._data, J[i, :3], J[i, 3:], p[i], agent.tip_body)
+        J = J[:, :, self._dofs]
         if follows:
-            d = J[:, :3, self._dofs] @ (self._data.qpos[self._addresses] - ref.q[row] - self._correction)
+            d = J[:, :3] @ (self._data.qpos[self._addresses] - ref.q[row] - self._correction)
             slides = ref.slides[row] & bears
             state.own[:, :3] += released(
                 self.control.release, settings.period, p, d, bears & ~slides, slides, ref.n_W[row]
             )
-        for i, agent in enumerate(self.world.agents):
-            step = tip_shift(state.c + state.own[i], ref.p_WO[row], p[i])
-            self._correction[self._joints[i]] = solve_step(J[i][:, agent.dofs], step, self._radii[i])
+        steps = np.array(
+            [tip_shift(state.c + own, ref.p_WO[row], place) for own, place in zip(state.own, p, strict=True)]
+        )
+        self._correction = solve_steps(J, steps, self._weight, self._owner)
         self._state = state
 
 

@@ -202,12 +202,26 @@ DAMPING = 1e-4
 
 
 def solve_step(J: Array, step: Array, radius: float) -> Array:
-    """argmin |J_v δq − δp|² + radius² w |J_ω δq − δθ|² + damping, w small for fewer than six joints; J (6, n)."""
-    weight = radius if J.shape[1] >= 6 else 0.1 * radius
-    A = J.copy()
-    A[3:] *= weight
-    b = step.copy()
-    b[3:] *= weight
+    """Joint change (n,) for one tip: Jacobian J (6, n), wanted displacement (6,); see `solve_steps`."""
+    return solve_steps(
+        J[None], step[None], weights(np.array([J.shape[1]]), np.array([radius])), np.zeros(len(J.T), int)
+    )
+
+
+def weights(joints: NDArray[np.int64], radius: Array) -> Array:
+    """(k, 6, 1): how much each component of a displacement counts for agents with so many joints and such tips."""
+    turn = np.where(joints >= 6, 1.0, 0.1) * radius
+    return np.concatenate([np.ones((len(turn), 3)), np.repeat(turn[:, None], 3, axis=1)], axis=1)[..., None]
+
+
+def solve_steps(J: Array, steps: Array, weight: Array, owner: NDArray[np.int64]) -> Array:
+    """argmin Σ_k |weight (J_k δq − δx_k)|² + damping over all agents' joints (nq,).
+
+    J (k, 6, nq), zero where a joint is another agent's; steps δx (k, 6); weight (k, 6, 1); owner (nq,): whose each joint is.
+    """
+    A = (J * weight).reshape(-1, J.shape[2])
     H = A.T @ A
-    H.flat[:: len(H) + 1] += DAMPING * H.trace() / len(H)
-    return np.asarray(np.linalg.solve(H, A.T @ b))
+    diagonal = H.diagonal()
+    mean = np.bincount(owner, diagonal) / np.bincount(owner)
+    H.flat[:: len(H) + 1] += DAMPING * mean[owner]
+    return np.asarray(np.linalg.solve(H, A.T @ (steps * weight[..., 0]).ravel()))

@@ -52,7 +52,7 @@ class Energy:
 
     collision: float = 10.0
     equilibrium: float = 10.0
-    force: float = 0.05
+    force: float = 0.15
     change: float = 0.1
     stability: float = 2.0
     clearance: float = 0.0015

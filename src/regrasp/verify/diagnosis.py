@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 SLIPPED = 2e-3
 """m of slip that explain a failure."""
-GONE = 0.05
+GONE = 0.06
 """s without force where the plan has some."""
 LIGHT = 0.3
 """Part of the agents' mean planned force below which its loss explains nothing."""

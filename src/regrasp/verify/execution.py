@@ -19,7 +19,7 @@ from regrasp.verify.physics import PERIOD, Physics, Reality, quiet
 
 Array = NDArray[np.float64]
 
-EVERY = 5
+EVERY = 10
 """Periods from one record to the next."""
 NEAR = 0.06
 """s before touch-down and after lift-off in which a fingertip may touch the object."""
