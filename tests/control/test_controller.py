@@ -71,7 +71,7 @@ def check_feedforward(world: World, rng: np.random.Generator) -> None:
     data = place(world, q)
     force = 5.0 * rng.standard_normal((len(world.agents), 3))
     where = data.geom_xpos[[agent.tip_geom for agent in world.agents]] + 0.01 * rng.standard_normal(force.shape)
-    command = Controller(world, table(world, q, qd, force, where), Control()).command(0, q, qd)
+    command = Controller(world, table(world, q, qd, force, where), Control(), np.ones(len(q))).command(0, q, qd)
     np.testing.assert_array_equal(command.q, q)
     np.testing.assert_array_equal(command.qd, qd)
     pressing = command.feedforward - unforced(world, q, qd)
@@ -107,7 +107,7 @@ def test_who_is_off_the_object_presses_on_nothing():
     row = table(world, q, 0 * q, force, where)
     row.bears[0, 1] = False
     mine = agent_joints(world)[1]
-    torque = Controller(world, row, Control()).command(0, q, 0 * q).feedforward
+    torque = Controller(world, row, Control(), np.ones(len(q))).command(0, q, 0 * q).feedforward
     np.testing.assert_allclose(torque[mine], unforced(world, q, 0 * q)[mine], atol=1e-9)
     other = agent_joints(world)[0]
     assert np.abs(torque[other] - unforced(world, q, 0 * q)[other]).max() > 1e-3
@@ -178,7 +178,7 @@ def test_what_is_seen_moves_the_fingertips_with_the_object(restless):
     """A displaced object, all fingers off it: after the smoothing their tips are displaced as its points are."""
     plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))
     ref = reference(plan, world, 0.02, Phases())
-    eyes = Controller(world, ref, Control(feedback=Feedback(period=0.02, smoothing=0.02)))
+    eyes = Controller(world, ref, Control(feedback=Feedback(period=0.02, smoothing=0.02)), np.ones(ref.q.shape[1]))
     shift, turn = np.array([2e-3, -1e-3, 1.5e-3]), Rotation.from_rotvec([0.0, 0.02, 0.01])
     seen = ref.p_WO[0] + shift, turn.as_matrix() @ ref.R_WO[0]
     plain = eyes.command(0, ref.q[0], ref.qd[0]).q
@@ -195,7 +195,7 @@ def test_what_is_seen_moves_the_fingertips_with_the_object(restless):
 def test_an_object_on_its_path_is_left_alone(restless):
     plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))
     ref = reference(plan, world, 0.02, Phases())
-    eyes = Controller(world, ref, Control(feedback=Feedback()))
+    eyes = Controller(world, ref, Control(feedback=Feedback()), np.ones(ref.q.shape[1]))
     for row in range(0, len(ref), 7):
         command = eyes.command(row, ref.q[row], ref.qd[row])
         assert np.abs(command.q - ref.q[row]).max() < 1e-12
@@ -206,7 +206,7 @@ def test_before_the_object_is_carried_nothing_winds_up(restless):
     """Loaded against an object that is held elsewhere, the fingers keep their targets."""
     plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))
     ref = reference(plan, world, 0.02, Phases())
-    eyes = Controller(world, ref, Control(feedback=Feedback()))
+    eyes = Controller(world, ref, Control(feedback=Feedback()), np.ones(ref.q.shape[1]))
     for row in range(ref.touch, ref.start):
         command = eyes.command(row, ref.q[row], ref.qd[row])
         np.testing.assert_allclose(command.q, ref.q[row], atol=1e-12)
@@ -217,7 +217,7 @@ def test_an_object_left_behind_is_pushed_on(restless):
     """Carried and lagging, it is sent ahead: the tips are displaced against the error."""
     plan, world = restless("fig3-puma3"), build(load("fig3-puma3"))
     ref = reference(plan, world, 0.02, Phases())
-    eyes, row = Controller(world, ref, Control(feedback=Feedback(rate=5.0))), ref.start
+    eyes, row = Controller(world, ref, Control(feedback=Feedback(rate=5.0)), np.ones(ref.q.shape[1])), ref.start
     lag = np.array([0.0, -2e-3, 0.0])
     assert displacement(ref.p_WO[row], ref.R_WO[row], ref.p_WO[row] + lag, ref.R_WO[row])[1] == -2e-3
     q = ref.q[row]

@@ -28,35 +28,24 @@ def replays(seeds: int) -> dict[str, Any]:
     compile_kernels()
     rows = [scene_row(name, seeds, -(-TRIALS // seeds)) for name in builtin()]
     table = Table(title=f"replay, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("scene", "mode", "at goal", "worst mm", "worst °", "tube mm", "tube °", "correlation", "speed"):
+    for heading in ("scene", "mode", "at goal", "worst", "on the way", "correlation", "speed"):
         table.add_column(heading, justify="left" if heading in ("scene", "mode") else "right", no_wrap=True)
     for row in rows:
         for mode in MODES:
             each = row[mode]
             table.add_row(
-                row["scene"], mode, f"{each['passed']}/{seeds}", *(_number(each[key]) for key in FIGURES),
+                row["scene"], mode, f"{each['passed']}/{seeds}", _off(each["worst"]), _off(each["tube"]),
+                _number(each["correlation"]), _number(each["speed"]),
             )  # fmt: skip
     tried = Table(title="perturbed trials with feedback", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in (
-        "scene",
-        "trials",
-        "at goal",
-        "95 % from",
-        "to",
-        "median mm",
-        "median °",
-        "drops",
-        "slip mm",
-        "force N",
-    ):
+    for heading in ("scene", "at goal", "95 % interval", "median", "drops", "slip mm", "force N"):
         tried.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for row in rows:
         each = row["trials"]
         low, high = each["wilson"]
         tried.add_row(
-            row["scene"], str(each["trials"]), str(each["successes"]), f"{low:.2f}", f"{high:.2f}",
-            *(_number(each[key]) for key in ("median_mm", "median_degrees")), str(each["drops"]),
-            *(_number(each[key]) for key in ("largest_slip_mm", "largest_force")),
+            row["scene"], f"{each['successes']}/{each['trials']}", f"{low:.3f} to {high:.3f}", _off(each["median"]),
+            str(each["drops"]), _number(each["largest_slip_mm"]), _number(each["largest_force"]),
         )  # fmt: skip
     console = Console()
     console.print(table)
@@ -67,7 +56,7 @@ def replays(seeds: int) -> dict[str, Any]:
     return {"passed": all(row["passed"] for row in rows), "seeds": seeds, "scenes": rows}
 
 
-FIGURES = ("worst_mm", "worst_degrees", "tube_mm", "tube_degrees", "correlation", "speed")
+FIGURES = ("worst", "tube", "correlation", "speed")
 
 
 def scene_row(name: str, seeds: int, share: int) -> dict[str, Any]:
@@ -110,10 +99,8 @@ def _figures(runs: list[Nominal]) -> dict[str, Any]:
     final, tube = np.array([each.final for each in runs]), np.array([each.largest for each in runs])
     return {
         "passed": sum(each.passed for each in runs),
-        "worst_mm": 1e3 * final[:, 0].max(),
-        "worst_degrees": np.degrees(final[:, 1].max()),
-        "tube_mm": 1e3 * tube[:, 0].max(),
-        "tube_degrees": np.degrees(tube[:, 1].max()),
+        "worst": final.max(axis=0).tolist(),
+        "tube": tube.max(axis=0).tolist(),
         "correlation": min((each.correlation for each in runs if each.correlation is not None), default=None),
         "speed": float(np.median([each.speed for each in runs])),
     }
@@ -121,11 +108,10 @@ def _figures(runs: list[Nominal]) -> dict[str, Any]:
 
 def _trial_figures(trials: list[Trial]) -> dict[str, Any]:
     if not trials:
-        return dict.fromkeys(("median_mm", "median_degrees", "largest_slip_mm", "largest_force")) | {"drops": 0}
+        return dict.fromkeys(("median", "largest_slip_mm", "largest_force")) | {"drops": 0}
     final = np.median([trial.final for trial in trials], axis=0)
     return {
-        "median_mm": 1e3 * final[0],
-        "median_degrees": np.degrees(final[1]),
+        "median": final.tolist(),
         "drops": sum(trial.dropped for trial in trials),
         "largest_slip_mm": 1e3 * max(trial.slip for trial in trials),
         "largest_force": max(trial.force for trial in trials),
@@ -134,3 +120,8 @@ def _trial_figures(trials: list[Trial]) -> dict[str, Any]:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
+
+
+def _off(error: list[float] | None) -> str:
+    """m and rad in mm and degrees."""
+    return "-" if error is None else f"{1e3 * error[0]:.2f} mm {np.degrees(error[1]):.2f}°"

@@ -33,10 +33,10 @@ class Controller:
     """Joint targets, rates and feed-forward torques for one period after the other.
 
     It knows the robot's model, its joint sensors and, if there is one, a measured object pose now and then; the simulated
-    world it never sees.
+    world it never sees. stiffness (nq,): K of the drives.
     """
 
-    def __init__(self, world: World, reference: Reference, control: Control) -> None:
+    def __init__(self, world: World, reference: Reference, control: Control, stiffness: Array) -> None:
         self.world, self.reference, self.control = world, reference, control
         self._model = world.model
         self._data = mujoco.MjData(self._model)
@@ -46,6 +46,7 @@ class Controller:
         self._damping = self._model.dof_damping[self._dofs]
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))
+        self._give = 1.0 / stiffness
         self._tips = [agent.tip_geom for agent in world.agents]
         joints = np.array([len(agent.qpos) for agent in world.agents])
         self._owner = np.repeat(np.arange(len(joints)), joints)
@@ -88,7 +89,14 @@ class Controller:
             d = J[:, :3] @ (self._data.qpos[self._addresses] - ref.q[row] - self._correction)
             slides = ref.slides[row] & bears
             state.own[:, :3] += released(
-                self.control.release, settings.period, p, d, bears & ~slides, slides, ref.n_W[row]
+                self.control.release,
+                settings.period,
+                p,
+                d,
+                bears & ~slides,
+                slides,
+                ref.n_W[row],
+                J[:, :3] @ (self._give * J[:, :3]).swapaxes(1, 2),
             )
         steps = np.array(
             [tip_shift(state.c + own, ref.p_WO[row], place) for own, place in zip(state.own, p, strict=True)]

@@ -3,8 +3,8 @@
 Where the tips stand off their targets, the offsets d fall into a rigid motion of all of them, which is the object being
 elsewhere, and a rest, which is strain between the fingers: contacts that are not quite where the plan has them make it grow as
 they roll. The rest is let go slowly, so that the forces between the fingers stay those that are fed forward; the rigid part is
-kept, the object is held as stiffly as before. Where a finger slides its offset along the normal is let go quickly: it presses
-with the force of the plan wherever the surface is.
+kept, the object is held as stiffly as before. Where a finger slides the spring's force along the normal is let go quickly: it
+presses with the force of the plan wherever the surface is.
 """
 
 from dataclasses import dataclass
@@ -48,12 +48,18 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def released(
-    settings: Release, period: float, p: Array, d: Array, sticks: NDArray[np.bool_], slides: NDArray[np.bool_], n: Array
-) -> Array:
-    """By how much the targets (k, 3) give way in one period: p, d as above for all k tips, n (k, 3) the normals."""
+    settings: Release, period: float, p: Array, d: Array, sticks: NDArray[np.bool_], slides: NDArray[np.bool_], n: Array,
+    compliance: Array,
+) -> Array:  # fmt: skip
+    """By how much the targets (k, 3) give way in one period: p, d as above for all k tips, n (k, 3) the normals.
+
+    compliance (k, 3, 3): m/N, of the tips. A sliding finger's target moves along the normal until the spring has no force
+    along it, n · C⁻¹ (d − s n) = 0: where C is not isotropic an offset across the normal presses, too.
+    """
     out = np.zeros_like(d)
     if np.count_nonzero(sticks) > 1:
         out[sticks] = min(1.0, settings.between * period) * strain(p[sticks], d[sticks])
-    along = np.sum(d[slides] * n[slides], axis=1, keepdims=True) * n[slides]
-    out[slides] = min(1.0, settings.sliding * period) * along
+    for i in np.flatnonzero(slides):
+        press = np.linalg.solve(compliance[i], n[i])
+        out[i] = min(1.0, settings.sliding * period) * (press @ d[i]) / (press @ n[i]) * n[i]
     return out

@@ -54,7 +54,7 @@ class Energy:
     equilibrium: float = 10.0
     force: float = 0.15
     change: float = 0.1
-    stability: float = 2.0
+    stability: float = 5.0
     clearance: float = 0.0015
     friction_margin: float = 0.3
     grip: float = 0.05

@@ -98,7 +98,7 @@ def _execute(
     if reality.delay > 0.0:
         reference = delayed(reference, agent_joints(world), reality.delay, rng)
     physics = Physics(world, reality, wanted)
-    controller = Controller(world, reference, control)
+    controller = Controller(world, reference, control, physics.drives.gains.K)
     physics.place(reference.q[0])
     record = Recorder(world, physics, reference)
     every = max(1, round(control.feedback.period / PERIOD))
