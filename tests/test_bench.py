@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from regrasp.bench import replays
 from regrasp.bench import scenes as benched
 from regrasp.bench import searches as bench
 from regrasp.planner.outcome import Failure, Outcome
+from regrasp.verify.diagnosis import Failure as Fall
+from regrasp.verify.execution import Execution
+from regrasp.verify.replay import Nominal, Replay, Trial, Trials
 
 
 def run(after: float, code: int = 0) -> bench.Run:
@@ -73,3 +77,49 @@ def test_a_refused_plan_is_not_certified(home_plan, monkeypatch):
     row = benched.scene_row("fig3-puma3", 2)
     assert (row["planned"], row["certified"]) == (2, 0)
     assert all("refused" in reason for reason in row["reasons"])
+
+
+@pytest.mark.parametrize(("open_loop", "feedback", "trials", "passed"), [
+    (20, 20, 100, True), (19, 20, 95, True), (18, 20, 100, False), (20, 19, 100, False), (20, 20, 94, False),
+])  # fmt: skip
+def test_replays_pass_by_their_rates(open_loop, feedback, trials, passed, home_plan, monkeypatch, capsys):
+    """Open loop 95 % of the plans, feedback all, 95 % of the trials; each plan has its share of the trials."""
+    plan, counts = home_plan("fig3-puma3"), iter(np.diff(np.linspace(0, trials, 21).round().astype(int)))
+    fault = Failure("equilibrium", "segment 1", "object", "no contact forces hold it", "more friction")
+
+    def replayed(_, trials, seed, trial_modes):
+        assert (trials, trial_modes) == (5, ("feedback",))
+        run = executed(plan)
+        good = next(counts)
+        nominal = tuple(
+            Nominal(mode, seed < last, None, *4 * [(1e-3, 0.01)], 0.0, 1.0, 0.9, 1.0, 20.0, run)
+            for mode, last in (("open", open_loop), ("feedback", feedback))
+        )
+        failed = Fall(3, 1.0, "finger1", "lost contact")
+        tried = tuple(Trial((1e-3, 0.01), 0.0, 1.0, n >= good, None if n < good else failed) for n in range(trials))
+        return Replay("fig3-puma3", nominal, (Trials("feedback", (5e-3, 0.1), tried),))
+
+    monkeypatch.setattr(replays, "builtin", lambda: {"fig3-puma3": ""})
+    monkeypatch.setattr(replays, "compile_kernels", lambda: 0.0)
+    monkeypatch.setattr(replays, "plan_scene", lambda *_: Outcome(plan, None))
+    monkeypatch.setattr(replays, "replay", replayed)
+    answer = replays.replays(seeds=20)
+    row = answer["scenes"][0]
+    assert answer["passed"] is passed
+    assert (row["open"]["passed"], row["feedback"]["passed"]) == (open_loop, feedback)
+    assert (row["trials"]["successes"], row["trials"]["trials"]) == (trials, 100)
+    monkeypatch.setattr(replays, "plan_scene", lambda *_: Outcome(None, fault))
+    lost = replays.scene_row("fig3-puma3", 2, 5)
+    assert (lost["trials"]["successes"], lost["trials"]["trials"], lost["passed"]) == (0, 10, False)
+    assert "no contact forces hold it" in lost["reasons"][0]
+    assert ("lost contact" in capsys.readouterr().out) is (trials < 100)
+
+
+def executed(plan):
+    """An execution that nobody looks at."""
+    rows, k = np.zeros((1, len(plan.agent_names))), len(plan.agent_names)
+    force = np.zeros((1, k, 3))
+    return Execution(
+        np.zeros(1), np.zeros(1, int), np.zeros((1, 1)), np.zeros((1, 6)), force, force, rows > 0, rows, rows > 0, (), None,
+        1.0, 1.0,
+    )  # fmt: skip
