@@ -79,7 +79,7 @@ def test_agents_are_separate_chains_at_home_inside_their_limits(world: World) ->
     for agent in world.agents:
         assert np.all((agent.lower < agent.home) & (agent.home < agent.upper))
         assert agent.tip_geom in agent.geoms
-        assert len(agent.joints) == len(agent.qpos) == len(agent.dofs) == len(agent.speed) == len(agent.torque)
+        assert len(agent.joints) == len(agent.qpos) == len(agent.dofs) == len(agent.speed)
         assert agent.friction == 0.7
         assert agent.max_force == 10.0
 
@@ -262,7 +262,9 @@ def test_own_model_keeps_its_kinematics_and_outlives_its_files(arm: Path) -> Non
         expected = placed.R @ data.body("link2").xpos + placed.p
         np.testing.assert_allclose(mine.geom_xpos[agent.tip_geom], expected, atol=1e-12)
     np.testing.assert_allclose(agent.lower, [-np.pi / 2, 0], atol=1e-12)
-    assert np.all(np.isinf(agent.torque))
+    assert [stored.model.actuator(a).trnid[0] for a in range(stored.model.nu)] == [
+        agent.joints[0]
+    ]  # its own drive stays
     # Joints of no agent are frozen, visual geoms ignored, the file's own floor is an obstacle.
     assert stored.model.njnt == 3
     assert "robot/look" not in {name for pair in names(stored) for name in pair}

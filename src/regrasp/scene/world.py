@@ -26,8 +26,8 @@ class Agent:
 
     joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies: those it moves; geoms: its
     colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed: rad/s or m/s;
-    torque: limit of each joint's drive, N m or N, inf where unlimited; home: joint values at rest; max_force: largest
-    normal force, N; friction: coefficient between tip and object. Arrays are (n,), n the number of joints.
+    home: joint values at rest; max_force: largest normal force, N; friction: coefficient between tip and object.
+    Arrays are (n,), n the number of joints.
     """
 
     name: str
@@ -41,7 +41,6 @@ class Agent:
     lower: Array
     upper: Array
     speed: Array
-    torque: Array
     home: Array
     max_force: float
     friction: float
@@ -187,7 +186,6 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     )
     moved = np.isin(model.body_weldid, [body for body in chain if model.body_weldid[body]])
     limited = model.jnt_limited[joints] != 0
-    driven = model.jnt_actfrclimited[joints] != 0
     lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
     upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
     home = finger.home if finger.home is not None else np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper)
@@ -210,7 +208,6 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         lower=lower,
         upper=upper,
         speed=np.broadcast_to(finger.speed, len(joints)).copy(),
-        torque=np.where(driven, model.jnt_actfrcrange[joints, 1], np.inf),
         home=np.array(home, dtype=float),
         max_force=(spec.max_force if spec else None) or scene.max_force,
         friction=friction,
