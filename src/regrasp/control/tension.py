@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 SOFT = 1e-3
 """Added to the tips' moments of inertia, relative to the largest: tips on a line resist no turn about it."""
 
+STIFF = 1e-4
+"""Compliance added to a tip's, relative to its trace: a planar finger does not yield across its plane."""
+
 
 @dataclass(frozen=True)
 class Release:
@@ -60,6 +63,7 @@ def released(
     if np.count_nonzero(sticks) > 1:
         out[sticks] = min(1.0, settings.between * period) * strain(p[sticks], d[sticks])
     for i in np.flatnonzero(slides):
-        press = np.linalg.solve(compliance[i], n[i])
+        C = compliance[i] + STIFF * compliance[i].trace() * np.eye(3)
+        press = np.linalg.solve(C, n[i])
         out[i] = min(1.0, settings.sliding * period) * (press @ d[i]) / (press @ n[i]) * n[i]
     return out
