@@ -27,8 +27,8 @@ def replays(seeds: int) -> dict[str, Any]:
     """
     compile_kernels()
     rows = [scene_row(name, seeds, -(-TRIALS // seeds)) for name in builtin()]
-    table = Table(title=f"replay, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("scene", "mode", "at goal", "worst", "on the way", "correlation", "speed"):
+    table = Table(title=f"replay, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for heading in ("scene", "mode", "at goal", "worst", "on the way", "corr.", "speed"):
         table.add_column(heading, justify="left" if heading in ("scene", "mode") else "right", no_wrap=True)
     for row in rows:
         for mode in MODES:
@@ -37,7 +37,7 @@ def replays(seeds: int) -> dict[str, Any]:
                 row["scene"], mode, f"{each['passed']}/{seeds}", _off(each["worst"]), _off(each["tube"]),
                 _number(each["correlation"]), _number(each["speed"]),
             )  # fmt: skip
-    tried = Table(title="perturbed trials with feedback", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    tried = Table(title="perturbed trials with feedback", title_justify="left", box=None, padding=(0, 1, 0, 0))
     for heading in ("scene", "at goal", "95 % interval", "median", "drops", "slip mm", "force N"):
         tried.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for row in rows:

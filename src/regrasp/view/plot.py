@@ -47,11 +47,12 @@ class Panel:
         ink.line(self.at(np.array([0, self.until]), 0), GREY, 1.2)
 
     def limit(self, ink: Ink, value: float, since: float, words: str, colour: str) -> None:
-        """A dashed line at a value that should not be passed from a time on, named at its left end; left out where the
-        panel ends before."""
+        """A dashed line at a value that should not be passed from a time on; left out where the panel ends before. Named
+        at its left end, or before that where the name would run out of the panel."""
         if value < self.largest and since < self.until:
             ink.line(self.at(np.array([since, self.until]), value), colour, 1.6, dash=(7, 4))
-            ink.text(self.at(since, value) + [4, -8], words, 12, colour, anchor="lm")
+            late = since > 0.6 * self.until
+            ink.text(self.at(since, value) + [-4 if late else 4, -8], words, 12, colour, anchor="rm" if late else "lm")
 
 
 def step(length: float, parts: float) -> float:
