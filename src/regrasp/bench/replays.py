@@ -35,7 +35,7 @@ def replays(seeds: int) -> dict[str, Any]:
             each = row[mode]
             table.add_row(
                 row["scene"], mode, f"{each['passed']}/{seeds}", _off(each["worst"]), _off(each["tube"]),
-                _number(each["correlation"]), _number(each["speed"]),
+                "-" if each["correlation"] is None else f"{each['correlation']:.3f}", _number(each["speed"]),
             )  # fmt: skip
     tried = Table(title="perturbed trials with feedback", title_justify="left", box=None, padding=(0, 1, 0, 0))
     for heading in ("scene", "at goal", "95 % interval", "median", "drops", "slip mm", "force N"):
