@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import math
 import typing
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -39,3 +40,11 @@ def read(kind: type[Value], data: Mapping[str, Any], field: str = "planner") -> 
         return kind(**values)
     except ValueError as error:
         raise InputError(field, str(error)) from None
+
+
+def demand(settings: object, positive: tuple[str, ...] = (), from_zero: tuple[str, ...] = ()) -> None:
+    """Raises ValueError where a field named in `positive` is not above 0, one in `from_zero` below it, or one not finite."""
+    for name in (*positive, *from_zero):
+        value = getattr(settings, name)
+        if not 0.0 <= value < math.inf or (value == 0.0 and name in positive):
+            raise ValueError(f"{name} is {value}, legal: {'more than 0' if name in positive else '0 or more'}")

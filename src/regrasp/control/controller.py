@@ -41,8 +41,8 @@ class Controller:
         self._model = world.model
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = world.start
-        self._addresses = np.concatenate([agent.qpos for agent in world.agents])
-        self._dofs = np.concatenate([agent.dofs for agent in world.agents])
+        self._addresses = world.joint_qpos
+        self._dofs = world.joint_dofs
         self._damping = self._model.dof_damping[self._dofs]
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.settings import demand
+
 Array = NDArray[np.float64]
 
 
@@ -32,12 +34,7 @@ class Feedback:
     bend: float = 0.35
 
     def __post_init__(self) -> None:
-        for name in ("period", "smoothing"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: more than 0")
-        for name in ("rate", "reach", "bend"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+        demand(self, positive=("period", "smoothing"), from_zero=("rate", "reach", "bend"))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.scene.world import World
+from regrasp.settings import demand
 
 Array = NDArray[np.float64]
 
@@ -30,9 +31,7 @@ class Impedance:
     lever: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "lever"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: more than 0")
+        demand(self, positive=("stiffness", "damping", "lever"))
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def gains(world: World, joints: Array, settings: Impedance, period: float) -> Ga
     model = world.model
     data = mujoco.MjData(model)
     data.qpos[:] = world.start
-    data.qpos[np.concatenate([agent.qpos for agent in world.agents])] = joints
+    data.qpos[world.joint_qpos] = joints
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)

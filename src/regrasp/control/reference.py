@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.scene.world import World
+from regrasp.settings import demand
 
 Array = NDArray[np.float64]
 
@@ -33,9 +34,7 @@ class Phases:
     hold: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("standoff", "approach", "load", "settle", "hold"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+        demand(self, from_zero=("standoff", "approach", "load", "settle", "hold"))
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,7 @@ def _approach(plan: Plan, world: World, period: float, standoff: float, rows: in
     model = world.model
     data = mujoco.MjData(model)
     data.qpos[:] = world.start
-    addresses = np.concatenate([agent.qpos for agent in world.agents])
+    addresses = world.joint_qpos
     first = 0
     for i, agent in enumerate(world.agents):
         mine = slice(first, first + len(agent.qpos))

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.settings import demand
+
 Array = NDArray[np.float64]
 
 SOFT = 1e-3
@@ -29,9 +31,7 @@ class Release:
     sliding: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("between", "sliding"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+        demand(self, from_zero=("between", "sliding"))
 
 
 def strain(p: Array, d: Array) -> Array:
@@ -46,7 +46,7 @@ def strain(p: Array, d: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b of (…, 3); np.cross takes five times as long for a handful of vectors."""
+    """a × b of (…, 3); np.cross is slow for a handful of vectors."""
     return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])
 
 

@@ -11,7 +11,6 @@ s_i − lack_i ≤ f_n ≤ f_max, 0 ≤ lack_i ≤ s_i; s_i is what an agent has
 slides. Units: the object's weight; torques over its radius.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from regrasp.planner.cones import Nodes, nodes_of, solve, spares
 from regrasp.planner.contacts import Contacts, bases, excess, residual, wrenches
 from regrasp.planner.outcome import Failure
 from regrasp.planner.reserve import Margins
+from regrasp.settings import demand
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,7 @@ class Loads:
     smoothness: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.smoothness < math.inf:
-            raise ValueError(f"smoothness is {self.smoothness}, legal: 0 or more")
+        demand(self, from_zero=("smoothness",))
 
 
 def between(contacts: Contacts, nodes: Nodes, at_nodes: Array, margin: float) -> Array:

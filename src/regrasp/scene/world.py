@@ -72,6 +72,16 @@ class World:
     collision_pairs: Ids
 
     @cached_property
+    def joint_qpos(self) -> Ids:
+        """Addresses of all agents' joint values, agent after agent, (nq,)."""
+        return np.concatenate([agent.qpos for agent in self.agents])
+
+    @cached_property
+    def joint_dofs(self) -> Ids:
+        """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
+        return np.concatenate([agent.dofs for agent in self.agents])
+
+    @cached_property
     def start(self) -> Array:
         """qpos at the start pose of the object with every agent at home, (nq,)."""
         qpos = self.model.qpos0.copy()

@@ -108,7 +108,7 @@ def _kinematics(world: World, joints: Array, position: Array, quaternion: Array)
     """Tip geoms of the agents, geom_xpos (N, S, G, 3) and geom_xmat (N, S, G, 9) at each instant."""
     model = world.model
     data = mujoco.MjData(model)
-    addresses = np.concatenate([agent.qpos for agent in world.agents])
+    addresses = world.joint_qpos
     N, S = joints.shape[:2]
     xpos, xmat = np.empty((N, S, model.ngeom, 3)), np.empty((N, S, model.ngeom, 9))
     a = world.object_qpos

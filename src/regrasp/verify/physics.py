@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 PERIOD = 0.002
 """Of physics and controller, s."""
 RIGID = 2.0 * PERIOD
-"""Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in by 0.3 mm per newton,
-which the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
+"""Time constant of contacts, s, the least that the period allows: MuJoCo's default lets tips sink in, which
+the fingers' stiffness turns into lost force; plans are made for rigid bodies."""
 FIXTURE = "start fixture"
 SHORT, LEAST = 1e-3, 1e-6
 """Part of what is asked of a drive, and N m or N, by which it may miss that: more than rounding."""
@@ -152,8 +152,8 @@ class Physics:
         self.drives = drives_of(world, model, wanted)
         self._fixture = model.equality(FIXTURE).id
         self.world = world
-        self._qpos = np.concatenate([agent.qpos for agent in world.agents])
-        self._dofs = np.concatenate([agent.dofs for agent in world.agents])
+        self._qpos = world.joint_qpos
+        self._dofs = world.joint_dofs
         self._borne = model.jnt_actgravcomp[np.concatenate([agent.joints for agent in world.agents])] != 0
         self._asked = np.zeros(len(self._qpos))
         pose = world.scene.start.pose

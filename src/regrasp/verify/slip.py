@@ -183,7 +183,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
     model = world.model
     data = mujoco.MjData(model)
     jacobian = np.empty((6, model.nv))
-    addresses = np.concatenate([agent.qpos for agent in world.agents])
+    addresses = world.joint_qpos
     for a, agent in enumerate(world.agents):
         if len(agent.qpos) >= 6:
             continue

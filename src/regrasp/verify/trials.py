@@ -9,6 +9,7 @@ from scipy.stats import binomtest
 
 from regrasp.plan import NONE, Plan
 from regrasp.scene.world import World
+from regrasp.settings import demand
 from regrasp.verify.physics import Reality
 
 Array = NDArray[np.float64]
@@ -38,9 +39,7 @@ class Perturbation:
         for name, high in (("friction", 1.0), ("mass", 1.0)):
             if not 0.0 <= getattr(self, name) < high:
                 raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 to {high:g}")
-        for name in ("position", "rotation", "timing", "noise_position", "noise_rotation"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, legal: 0 or more")
+        demand(self, from_zero=("position", "rotation", "timing", "noise_position", "noise_rotation"))
 
 
 def draw(plan: Plan, world: World, ranges: Perturbation, rng: np.random.Generator) -> Reality:

@@ -85,7 +85,7 @@ def put(world: World, plan: Plan, instant: Instant, data: mujoco.MjData) -> None
     """Bring `data` into the plan's state at an instant: joints, object, kinematics."""
     j, m = instant.interval, instant.sample
     qpos = world.start.copy()
-    qpos[np.concatenate([agent.qpos for agent in world.agents])] = plan.joints[j, m]
+    qpos[world.joint_qpos] = plan.joints[j, m]
     qpos[world.object_qpos : world.object_qpos + 3] = plan.object_position[j, m]
     qpos[world.object_qpos + 3 : world.object_qpos + 7] = plan.object_quaternion[j, m]
     put_all(world, qpos, data)
