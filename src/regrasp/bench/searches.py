@@ -14,17 +14,19 @@ from scipy.stats import wilcoxon
 
 from regrasp.bench.kernels import compile_kernels, say
 from regrasp.errors import RegraspError
-from regrasp.planner.grasp import Grasp
-from regrasp.planner.local import Change, Codes, ContactMotions, random_motions, terms_of
+from regrasp.planner.chain import Change, Codes, ContactMotions, anneal
+from regrasp.planner.configurations import Grasp
+from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
 from regrasp.planner.motion import detail
-from regrasp.planner.motions import MOTION_COUNT
+from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import new_scan
+from regrasp.planner.relocation import choose
+from regrasp.planner.scan import new_scan
 from regrasp.scene.load import load
 from regrasp.search.annealing import Settings as Annealing
-from regrasp.search.annealing import anneal
+from regrasp.search import annealing as generic
 from regrasp.settings import read
 
 PAPER_SECONDS = 3600.0
@@ -45,7 +47,8 @@ class Job:
 
     def random_start(self, seed: int) -> Codes:
         """A random V."""
-        return random_motions(len(self.path.R_WO), len(self.task.names), np.random.default_rng(seed))
+        candidates = 2 * self.task.settings.local.relocation.candidates
+        return random_motions(len(self.path.R_WO), len(self.task.names), candidates, np.random.default_rng(seed))
 
 
 class SingleEntries(ContactMotions):
@@ -55,8 +58,11 @@ class SingleEntries(ContactMotions):
         """One entry drawn anew."""
         V = self.current.V.copy()
         j, i = (int(rng.integers(size)) for size in V.shape)
-        V[j, i] = rng.integers(MOTION_COUNT)
-        return Change(V, j, j)
+        code = int(rng.integers(MOTION_COUNT))
+        if code == RELOCATE:
+            code = ONTO + choose(*self.model, self.current, j, i, rng.random(self.model[3].sample))
+        V[j, i] = code
+        return Change(V, i, j, j)
 
 
 MOVES: dict[str, type[ContactMotions]] = {"one entry": SingleEntries, "the planner's": ContactMotions}
@@ -101,9 +107,10 @@ def search(job: Job, V: Codes, annealing: Annealing, seed: int, moves: type[Cont
     terms, scan = terms_of(hand, local), new_scan(hand, job.path, local.relocation)
     problem = moves(hand, job.path, scan, terms, job.grasp, V)
     before = problem.energy()
-    result = anneal(problem, annealing, np.random.default_rng(seed))
+    run = anneal if moves is ContactMotions else generic.anneal
+    result = run(problem, annealing, np.random.default_rng(seed))
     problem.reset(result.best)
-    motion = detail(hand, job.path, scan, terms, problem.current, result.best, problem.work, job.task.names)
+    motion = detail(hand, job.path, terms, problem.found, problem.current, problem.work, job.task.names)
     seconds, processor = time.perf_counter() - started, time.process_time() - processor
     trials = annealing.trials if annealing.acceptance > 0.0 else 0
     evaluations = len(result.energies) - 1 + trials

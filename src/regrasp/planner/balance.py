@@ -10,27 +10,13 @@ from regrasp.kernels.rotations import rotate
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import tangents
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import SLIDE_MINUS_X, SLIDE_MINUS_Y, SLIDE_X, SLIDE_Y, whole
+from regrasp.planner.motions import is_sliding, whole
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins, shares, spare
 from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-@njit(cache=True, nogil=True)
-def is_sliding(code: int) -> bool:
-    """Whether the contact motion is one of slide ±x, ±y."""
-    return SLIDE_X <= code <= SLIDE_MINUS_Y
-
-
-@njit(cache=True, nogil=True)
-def slide_direction(code: int, x: Array, y: Array, t: Array) -> None:
-    """t = the direction in which a sliding tip moves over the object, and so of its friction on the object."""
-    for a in range(3):
-        along = x[a] if code <= SLIDE_MINUS_X else y[a]
-        t[a] = along if code in (SLIDE_X, SLIDE_Y) else -along
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +73,7 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp
 
 @njit(cache=True, nogil=True)
 def spares(
-    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int8], p_OC: Array,
+    hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int16], p_OC: Array,
     margins: Margins, least: Array,
 ) -> None:  # fmt: skip
     """least (k,): the normal force, in weights, that each agent has to spare, 0 for those that do not bear.
@@ -121,16 +107,17 @@ def balance(
     j: int,
     s: int,
     bears: NDArray[np.uint8],
-    codes: NDArray[np.int8],
+    codes: NDArray[np.int16],
     p_OC: Array,
     n: Array,
     t: Array,
     margins: Margins,
+    warm: bool,
     lp: Program,
 ) -> tuple[bool, float, int]:
-    """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, columns written).
+    """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, pivots it took).
 
-    bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
+    warm: start from the basis of the last program. bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
 
     What an agent has to spare it bears at least, evenly on the columns of its contact: as the mean of a cone's edges is its
     normal, a rolling contact's cone is moved up its normal by it. These lower bounds are taken off the variables before
@@ -153,9 +140,9 @@ def balance(
                     lp.b[row] -= least[i] * lp.A[row, c]
             columns += count
     columns += support_columns(hand, path, j, s, margins, lp, columns)
-    status, value, _ = solve(lp, columns, False)
+    status, value, pivots = solve(lp, columns, warm)
     for c in range(columns):
         if lp.group[c] >= 0:
             lp.solution[c] += least[lp.group[c]]
             value += least[lp.group[c]]
-    return status == OPTIMAL, value, columns
+    return status == OPTIMAL, value, pivots

@@ -13,48 +13,102 @@ Array = NDArray[np.float64]
 
 @njit(cache=True, nogil=True)
 def place(hand: Hand, first: int, last: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
-    """World poses of the geoms first … last − 1 from the frames of the links (or the object) that carry them."""
+    """World poses of the geoms first … last − 1, in rows from 0, from the frames of the links (or object) that carry them."""
     for g in range(first, last):
-        link = hand.geoms.link[g]
-        multiply(R_WL[link], hand.geoms.R_LG[g], R_WG[g])
-        rotate(R_WL[link], hand.geoms.p_LG[g], p_WG[g])
+        link, row = hand.geoms.link[g], g - first
+        multiply(R_WL[link], hand.geoms.R_LG[g], R_WG[row])
+        rotate(R_WL[link], hand.geoms.p_LG[g], p_WG[row])
         for a in range(3):
-            p_WG[g, a] += p_WL[link, a]
+            p_WG[row, a] += p_WL[link, a]
 
 
 @njit(cache=True, nogil=True)
-def closer(hand: Hand, a: int, b: int, R_WG: Array, p_WG: Array, clearance: float) -> bool:
-    """Whether geoms a and b come closer than the clearance; bounding spheres first."""
+def place_agent(hand: Hand, i: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
+    """World poses of agent i's geoms, in rows from 0, from the frames of its links."""
+    place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+
+
+@njit(cache=True, nogil=True)
+def closer(
+    hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: Array, clearance: float
+) -> bool:
+    """Whether geoms a and b at these poses come closer than the clearance; bounding spheres first."""
     geoms = hand.geoms
     reach = geoms.bound[a] + geoms.bound[b] + clearance
-    dx = p_WG[a, 0] - p_WG[b, 0]
-    dy = p_WG[a, 1] - p_WG[b, 1]
-    dz = p_WG[a, 2] - p_WG[b, 2]
+    dx, dy, dz = p_A[0] - p_B[0], p_A[1] - p_B[1], p_A[2] - p_B[2]
     if dx * dx + dy * dy + dz * dz > reach * reach:
         return False
     d = distance(
-        geoms.kind[a], geoms.core[a], geoms.radius[a], R_WG[a], p_WG[a],
-        geoms.kind[b], geoms.core[b], geoms.radius[b], R_WG[b], p_WG[b],
+        geoms.kind[a], geoms.core[a], geoms.radius[a], R_A, p_A,
+        geoms.kind[b], geoms.core[b], geoms.radius[b], R_B, p_B,
         clearance,
     )  # fmt: skip
     return d < clearance
 
 
 @njit(cache=True, nogil=True)
-def block_hit(hand: Hand, a: int, c: int, R_WG: Array, p_WG: Array, clearance: float) -> bool:
-    """Whether any pair of block (a, c) comes closer than the clearance (own links: touches).
+def first_geom(hand: Hand, c: int) -> int:
+    """The first geom of agent c, of the static bodies (c = k) or the object (c = k + 1)."""
+    return hand.geom_start[c] if c <= len(hand.tip_geom) else hand.object_geom
 
-    a is an agent, or k for the object; c an agent, k for the static bodies, k + 1 for the object (`Hand.block`).
+
+@njit(cache=True, nogil=True)
+def hits(
+    hand: Hand, a: int, c: int, R_A: Array, p_A: Array, R_C: Array, p_C: Array, clearance: float
+) -> bool:
+    """Whether any pair of block (a, c) comes closer than the clearance (own links: touches); poses in rows from 0.
+
+    a is an agent; c an agent, k for the static bodies, k + 1 for the object (`Hand.block`).
     """
-    if c == a and a < len(hand.tip_geom):
+    if c == a:
         clearance = 0.0  # neighbouring links of one agent are close by construction
+    first_a, first_c = hand.geom_start[a], first_geom(hand, c)
+    bound = hand.geoms.bound
     for n in range(hand.block[a, c], hand.block[a, c + 1]):
-        if closer(hand, hand.pairs[n, 0], hand.pairs[n, 1], R_WG, p_WG, clearance):
+        g, h = hand.pairs[n, 0], hand.pairs[n, 1]
+        u, v = g - first_a, h - first_c
+        reach = bound[g] + bound[h] + clearance
+        dx, dy, dz = p_A[u, 0] - p_C[v, 0], p_A[u, 1] - p_C[v, 1], p_A[u, 2] - p_C[v, 2]
+        if dx * dx + dy * dy + dz * dz <= reach * reach and closer(
+            hand, g, R_A[u], p_A[u], h, R_C[v], p_C[v], clearance
+        ):
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def tip_hit(hand: Hand, i: int, R_WG: Array, p_WG: Array, clearance: float) -> bool:
-    """Whether the tip of agent i, which is not in contact, comes closer to the object than the clearance."""
-    return closer(hand, hand.tip_geom[i], hand.object_geom, R_WG, p_WG, clearance)
+def stands_clear(hand: Hand, i: int, R_G: Array, p_G: Array, R_B: Array, p_B: Array, clearance: float) -> bool:
+    """Whether agent i's bodies at R_G, p_G are clear of each other, the static bodies and the object.
+
+    R_B, p_B: poses of static bodies and object (`Configurations`). The tip, which may touch, is not asked for.
+    """
+    k, last = len(hand.tip_geom), len(R_B) - 1
+    return not (
+        hits(hand, i, i, R_G, p_G, R_G, p_G, 0.0)
+        or hits(hand, i, k, R_G, p_G, R_B, p_B, clearance)
+        or hits(hand, i, k + 1, R_G, p_G, R_B[last:], p_B[last:], clearance)
+    )
+
+
+@njit(cache=True, nogil=True)
+def tip_hits(hand: Hand, i: int, R_G: Array, p_G: Array, R_O: Array, p_O: Array, clearance: float) -> bool:
+    """Whether the tip of agent i, which is not in contact, comes closer to the object than the clearance.
+
+    R_G, p_G: poses of the agent's geoms; R_O, p_O: pose of the object's geom.
+    """
+    row = hand.tip_geom[i] - hand.geom_start[i]
+    return closer(hand, hand.tip_geom[i], R_G[row], p_G[row], hand.object_geom, R_O, p_O, clearance)
+
+
+@njit(cache=True, nogil=True)
+def object_hits(hand: Hand, R_B: Array, p_B: Array, clearance: float) -> bool:
+    """Whether the object comes closer to a static body than the clearance. R_B, p_B: static bodies, then the object."""
+    k = len(hand.tip_geom)
+    first = hand.geom_start[k]
+    for n in range(hand.block[k, k], hand.block[k, k + 1]):
+        g, h = hand.pairs[n, 0], hand.pairs[n, 1]
+        if closer(
+            hand, g, R_B[g - first], p_B[g - first], h, R_B[h - first], p_B[h - first], clearance
+        ):
+            return True
+    return False

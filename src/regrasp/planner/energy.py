@@ -1,40 +1,43 @@
-"""Eq. (1): E(V) = K_c Σ_j c_j + K_e Σ_j e_j + K_f Σ_ij |f_ij| + K_g Σ_i g_i + K_h Σ_j h_j, evaluated interval by interval.
+"""Eq. (1): E(V) = K_c Σ_j c_j + K_e Σ_j e_j + K_f Σ_ij |f_ij| + K_g Σ_i g_i + K_h Σ_j h_j, evaluated term by term.
 
 The paper's, and with K_h what the contacts that stick leave of the object's pose undetermined.
 
-Object pose → contact kinematics per agent → joint angles → collisions → force LP. Two exact shortcuts leave every value as
-it is: what a change of V does not reach is taken over from the current state, and the evaluation ends as soon as the
-partial sum, to which every further term only adds, exceeds the bound that the Metropolis rule has drawn.
+Every term only adds, so the cheapest come first: the agents' ways through their configurations, their collisions, the force
+programs, the free motions. Four exact shortcuts leave every value as it is (`Shortcuts`).
 """
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
-from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.records import Record
-from regrasp.kernels.surfaces import project, tangents
-from regrasp.planner.balance import balance, is_sliding, slide_direction
-from regrasp.planner.collision import block_hit, place, tip_hit
-from regrasp.planner.follow import follow
+from regrasp.planner.balance import balance
+from regrasp.planner.collision import hits
+from regrasp.planner.configurations import (
+    SIZE,
+    Configurations,
+    forget_configurations,
+    onward,
+    own_hits,
+)
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import OFF, RELOCATE, STAY, whole
+from regrasp.planner.memory import Memory, forget, new_memory, remember, slot_of
+from regrasp.planner.motions import OFF, ONTO, RELOCATE, is_sliding, whole
+from regrasp.planner.passage import free_motion
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import Scan, free_motion, relocate, stand_on
 from regrasp.planner.reserve import Margins
-from regrasp.planner.state import State, copy_agent, copy_motion, copy_terms, same_agent
+from regrasp.planner.scan import Scan
+from regrasp.planner.state import State
 from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
-Codes = NDArray[np.int8]
-
-# Typed, as numba would compile every kernel below a literal a second time.
-NOBODY, STAND = cast(int, np.int64(-1)), cast(int, np.int64(STAY))
+Ints = NDArray[np.int64]
+Flags = NDArray[np.uint8]
+Codes = NDArray[np.int16]
 
 
 @dataclass(frozen=True)
@@ -88,27 +91,76 @@ class Terms(Record):
     clearance: float
     margins: Margins
     outlook: float
-    tries: int
+    sample: int
     high: float
     commands: Array
 
 
+class Shortcuts(Record):
+    """The exact shortcuts of an evaluation (DESIGN: they leave the Markov chain unchanged), each 1 (on) or 0.
+
+    changed: only the intervals that the change of V reaches are evaluated anew, and there only the agent that it moves.
+    memory: configurations, collisions, force programs and free motions are looked up where they have been computed before.
+    warm: a force program starts from the basis of the one before. bound: an evaluation ends as soon as the partial sum
+    exceeds the threshold that the Metropolis rule has drawn.
+    """
+
+    changed: int = 1
+    memory: int = 1
+    warm: int = 1
+    bound: int = 1
+
+
+class Counts(Record):
+    """What evaluations did, counted: (1,) each."""
+
+    configurations: Ints
+    programs: Ints
+    pivots: Ints
+    ways: Ints
+
+
 class Work(Record):
-    """Scratch of one evaluation."""
+    """What one chain of evaluations needs beside its states: what it remembers, scratch, counts.
 
+    joined (n,): the force program at the start of the interval is that at the end of the one before, where nothing slides.
+    signature (1,): which columns the last force program had.
+    """
+
+    shortcuts: Shortcuts
+    counts: Counts
     lp: Program
-    score: Array
-    touched: NDArray[np.uint8]
-    dirty: NDArray[np.uint8]
-    bears: NDArray[np.uint8]
+    joined: Flags
+    signature: Ints
+    pairs: Memory
+    sums: Memory
+    ways: Memory
+    key_pair: Ints
+    key_sum: Ints
+    key_way: Ints
+    bears: Flags
+    codes: Codes
+    here: Ints
+    there: Ints
+    p: Array
+    n: Array
+    t: Array
 
 
-def new_work(hand: Hand, path: Path, scan: Scan) -> Work:
-    """Scratch arrays for evaluations on this path."""
-    k, slots = len(hand.tip_geom), path.support_mode.shape[1]
+def new_work(hand: Hand, path: Path, shortcuts: Shortcuts) -> Work:
+    """Nothing remembered, nothing counted."""
+    n, k, slots = len(path.R_WO), len(hand.tip_geom), path.support_mode.shape[1]
     lp = program(EDGES * (k + slots), k)
-    flags = [np.zeros(k, np.uint8) for _ in range(3)]
-    return Work(lp, np.zeros(len(scan.p_O)), *flags)
+    joined = np.zeros(n, np.uint8)
+    same = np.all(path.support_mode[1:] == path.support_mode[:-1], axis=1)
+    joined[1:] = same & ~np.any(path.support_mode[1:] == SLIDE, axis=1)
+    rows = [np.zeros((k, 3)) for _ in range(3)]
+    counts = Counts(*(np.zeros(1, np.int64) for _ in range(4)))
+    return Work(
+        shortcuts, counts, lp, joined, np.full(1, -1), new_memory(14, 1), new_memory(14, 1 + k), new_memory(10, 2 + 2 * k),
+        np.zeros(1, np.int64), np.zeros(1 + k, np.int64), np.zeros(2 + 2 * k, np.int64), np.zeros(k, np.uint8),
+        np.zeros(k, np.int16), np.zeros(k, np.int64), np.zeros(k, np.int64), *rows,
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -117,20 +169,21 @@ def changes(V: Codes) -> int:
     count = 0
     for j in range(1, V.shape[0]):
         for i in range(V.shape[1]):
-            if V[j, i] != V[j - 1, i] or V[j, i] == RELOCATE:
+            if V[j, i] != V[j - 1, i] or V[j, i] >= ONTO:
                 count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def loose(hand: Hand, path: Path, j: int, bears: NDArray[np.uint8], codes: Codes) -> int:
+def loose(hand: Hand, path: Path, found: Configurations, state: State, j: int) -> int:
     """h_j: how many sticking contacts interval j has too few to determine the object's pose.
 
     Agents that bear without sliding and supports on which the object sticks; a contact that slides follows the object.
     """
     stick = 0
-    for i in range(len(bears)):
-        if bears[i] == 1 and not is_sliding(whole(codes[i])):
+    for i in range(state.V.shape[1]):
+        code = state.V[j, i]
+        if code < RELOCATE and found.holds[state.at[j, i]] and not is_sliding(whole(code)):
             stick += 1
     for column in range(path.support_mode.shape[1]):
         if path.support_mode[j, column] == STICK:
@@ -141,158 +194,109 @@ def loose(hand: Hand, path: Path, j: int, bears: NDArray[np.uint8], codes: Codes
 @njit(cache=True, nogil=True)
 def moves_freely(code: int, holds: int) -> bool:
     """Whether an agent leaves or comes to the object in this interval."""
-    return code == RELOCATE or (code == OFF and holds == 1)
+    return code >= ONTO or (code == OFF and holds == 1)
 
 
 @njit(cache=True, nogil=True)
-def follow_contact(hand: Hand, path: Path, terms: Terms, state: State, j: int, i: int, code: int) -> None:
-    """Agent i in contact through interval j: contact motion, joint angles, bodies, normals (writes configuration j + 1)."""
-    first, last = hand.chains.start[i], hand.chains.start[i + 1]
-    x, y, n, foot = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-    state.holds[j + 1, i] = 1
-    state.q[j + 1, first:last] = state.q[j, first:last]
-    state.p_OC[j + 1, i] = state.p_OC[j, i]
-    state.p_TC[j + 1, i] = state.p_TC[j, i]
-    state.R_OT[j + 1, i] = state.R_OT[j, i]
-    project(hand.kind_O, hand.size_O, state.p_OC[j, i], foot, n)
-    tangents(n, x, y)
-    state.n_O[j, 0, i] = n
-    if is_sliding(code):
-        slide_direction(code, x, y, state.t_O[j, 0, i])
-    fine = follow(
-        hand, path, terms.commands[code], j, i, state.p_OC[j + 1, i], state.p_TC[j + 1, i], state.R_OT[j + 1, i], x,
-        state.q[j + 1, first:last], R_WL, p_WL,
-    )  # fmt: skip
-    if not fine:
-        state.lost[j, i] = 1
-    place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[j + 1], state.p_WG[j + 1])
-    project(hand.kind_O, hand.size_O, state.p_OC[j + 1, i], foot, n)
-    state.n_O[j, 1, i] = n
-    if is_sliding(code):
-        for a in range(3):
-            y[a] = n[(a + 1) % 3] * x[(a + 2) % 3] - n[(a + 2) % 3] * x[(a + 1) % 3]
-        slide_direction(code, x, y, state.t_O[j, 1, i])
+def collide(hand: Hand, terms: Terms, found: Configurations, work: Work, a: int, b: int, x: int, y: int) -> bool:
+    """Whether agents a < b in their configurations x and y come closer than the clearance."""
+    key, slot = work.key_pair, 0
+    if work.shortcuts.memory:
+        key[0] = x << 32 | y
+        slot = slot_of(work.pairs, key)
+        if work.pairs.taken[slot]:
+            return work.pairs.values[slot] > 0.0
+    hit = hits(hand, a, b, found.R_WG[x], found.p_WG[x], found.R_WG[y], found.p_WG[y], terms.clearance)
+    if work.shortcuts.memory:
+        remember(work.pairs, slot, key, 1.0 if hit else 0.0)
+    return hit
 
 
 @njit(cache=True, nogil=True)
-def rest(hand: Hand, state: State, j: int, i: int) -> None:
-    """Agent i stays away from the object through interval j."""
-    for a in range(hand.chains.start[i], hand.chains.start[i + 1]):
-        state.q[j + 1, a] = state.q[j, a]
-    state.holds[j + 1, i] = 0
-    for g in range(hand.geom_start[i], hand.geom_start[i + 1]):
-        state.R_WG[j + 1, g] = state.R_WG[j, g]
-        state.p_WG[j + 1, g] = state.p_WG[j, g]
+def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, j: int, end: int) -> float:
+    """Σ of the normal contact forces at the start (end = 0) or end (1) of interval j; inf without equilibrium.
 
-
-@njit(cache=True, nogil=True)
-def move_freely(hand: Hand, path: Path, scan: Scan, terms: Terms, state: State, j: int, i: int, work: Work) -> None:
-    """Agent i relocates or retires in interval j; where it can't, it is lost and keeps to where it is."""
-    first, last = hand.chains.start[i], hand.chains.start[i + 1]
-    n_a = last - first
-    q = np.empty((path.R_WO.shape[1], n_a))
-    if state.V[j, i] == RELOCATE:
-        c, way = relocate(
-            hand, path, scan, state, j, i, work.bears, terms.clearance, terms.margins, terms.outlook,
-            terms.tries, terms.high, work.lp, work.score, q,
-        )  # fmt: skip
-        state.chosen[j, i] = c
-        state.way[j, i] = way
-        if c >= 0:
-            stand_on(hand, path, scan, state, j + 1, i, c)
-            return
-    else:
-        goal = np.zeros(3)
-        lifts = state.holds[j, i] == 1
-        home = hand.home[first:last]
-        if free_motion(
-            hand, path, state, j, i, lifts, not lifts, goal, goal, home, whole(0), terms.high, terms.clearance, q
-        ):
-            R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-            state.q[j + 1, first:last] = home
-            forward(hand.chains, i, home, R_WL, p_WL)
-            place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[j + 1], state.p_WG[j + 1])
-            state.holds[j + 1, i] = 0
-            return
-    stay_behind(hand, path, terms, state, j, i)
-
-
-@njit(cache=True, nogil=True)
-def stay_behind(hand: Hand, path: Path, terms: Terms, state: State, j: int, i: int) -> None:
-    """Agent i could not move freely in interval j: the workspace condition is broken, it keeps to where it is."""
-    if state.holds[j, i] == 1:
-        follow_contact(hand, path, terms, state, j, i, STAND)
-    else:
-        rest(hand, state, j, i)
-    state.chosen[j, i] = -1
-    state.lost[j, i] = 1
-
-
-@njit(cache=True, nogil=True)
-def collisions(hand: Hand, terms: Terms, cur: State, new: State, j: int, work: Work, fresh: bool) -> None:
-    """Which blocks of bodies collide at the end of interval j; blocks of agents that did not change are taken over."""
-    k = len(work.dirty)
-    R_WG, p_WG = new.R_WG[j + 1], new.p_WG[j + 1]
-    for a in range(k):
-        for c in range(a, k + 2):
-            changed = fresh or work.dirty[a] == 1 or (c < k and work.dirty[c] == 1)
-            if not changed:
-                new.hits[j, a, c] = cur.hits[j, a, c]
-                continue
-            hit = block_hit(hand, a, c, R_WG, p_WG, terms.clearance)
-            if c == k + 1 and not hit and new.holds[j + 1, a] == 0:
-                hit = tip_hit(hand, a, R_WG, p_WG, terms.clearance)
-            new.hits[j, a, c] = 1 if hit else 0
-
-
-@njit(cache=True, nogil=True)
-def same_program(path: Path, state: State, j: int) -> bool:
-    """Whether the force LP at the start of interval j is that at the end of interval j − 1: same contacts, none sliding."""
-    if j == 0:
-        return False
-    for i in range(state.V.shape[1]):
-        code = state.V[j, i]
-        if code != state.V[j - 1, i] or code == RELOCATE or is_sliding(whole(code)):
-            return False
-        if state.holds[j - 1, i] != state.holds[j, i]:
-            return False
+    work.bears, codes, here, there (k,): which agents bear, their contact motions, their configurations at its two ends.
+    """
+    k = len(work.bears)
+    key, slot = work.key_sum, 0
+    key[0] = 2 * j - 1 if end == 0 and work.joined[j] else 2 * j + end
+    signature = 0
+    for i in range(k):
+        signature *= 3
+        if not work.bears[i]:
+            key[1 + i] = -1
+        elif is_sliding(whole(work.codes[i])):
+            key[1 + i] = -2 - work.there[i]
+            signature += 1
+        else:
+            key[1 + i] = work.there[i] if end else work.here[i]
+            signature += 2
     for column in range(path.support_mode.shape[1]):
-        mode = path.support_mode[j, column]
-        if mode != path.support_mode[j - 1, column] or mode == SLIDE:
-            return False
-    return True
+        signature = 3 * signature + path.support_mode[j, column]
+    if work.shortcuts.memory:
+        slot = slot_of(work.sums, key)
+        if work.sums.taken[slot]:
+            return work.sums.values[slot]
+    for i in range(k):
+        if work.bears[i]:
+            c = work.there[i] if end else work.here[i]
+            for a in range(3):
+                work.p[i, a], work.n[i, a] = found.p_OC[c, a], found.n_O[c, a]
+                work.t[i, a] = found.t_O[work.there[i], end, a]
+    warm = work.shortcuts.warm == 1 and work.signature[0] == signature
+    work.signature[0] = signature
+    s = path.R_WO.shape[1] - 1 if end else 0
+    held, value, pivots = balance(
+        hand, path, j, s, work.bears, work.codes, work.p, work.n, work.t, terms.margins, warm, work.lp
+    )
+    work.counts.programs[0] += 1
+    work.counts.pivots[0] += pivots
+    if not held:
+        value = np.inf
+    if work.shortcuts.memory:
+        remember(work.sums, slot, key, value)
+    return value
 
 
 @njit(cache=True, nogil=True)
-def score_interval(hand: Hand, path: Path, terms: Terms, new: State, j: int, work: Work) -> None:
-    """c_j, e_j, Σ_i |f_ij| and h_j of interval j. The force LP stands at both ends of the interval with its contact motions."""
-    k, m = len(work.dirty), path.R_WO.shape[1] - 1
-    count = 0
-    for a in range(k):
-        count += new.lost[j, a]
-        for c in range(a, k + 2):
-            count += new.hits[j, a, c]
-    new.c[j] = count
-    start = np.inf
-    if same_program(path, new, j):
-        start = new.end[j - 1]
-    else:
-        held, value, _ = balance(
-            hand, path, j, whole(0), work.bears, new.V[j], new.p_OC[j], new.n_O[j, 0], new.t_O[j, 0], terms.margins,
-            work.lp,
-        )  # fmt: skip
-        if held:
-            start = value
-    held, value, _ = balance(
-        hand, path, j, m, work.bears, new.V[j], new.p_OC[j + 1], new.n_O[j, 1], new.t_O[j, 1], terms.margins,
-        work.lp,
+def force_terms(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int) -> None:
+    """e_j and Σ_i |f_ij| of interval j. The force program stands at both ends of it with its contact motions."""
+    for i in range(len(work.bears)):
+        work.codes[i] = new.V[j, i]
+        work.here[i], work.there[i] = new.at[j, i], new.at[j + 1, i]
+        work.bears[i] = 1 if new.V[j, i] < RELOCATE and found.holds[new.at[j, i]] else 0
+    new.e[j], new.f[j] = 1.0, 0.0
+    start = sum_of_forces(hand, path, terms, found, work, j, whole(0))
+    if start < np.inf:
+        end = sum_of_forces(hand, path, terms, found, work, j, whole(1))
+        if end < np.inf:
+            new.e[j], new.f[j] = 0.0, 0.5 * (start + end)
+
+
+@njit(cache=True, nogil=True)
+def way_of(
+    hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int, i: int
+) -> int:
+    """The way of agent i's free motion through interval j, −1 for none."""
+    k = new.V.shape[1]
+    key, slot = work.key_way, 0
+    if work.shortcuts.memory:
+        key[0], key[1] = j, i
+        for a in range(k):
+            key[2 + a], key[2 + k + a] = new.at[j, a], new.at[j + 1, a]
+        slot = slot_of(work.ways, key)
+        if work.ways.taken[slot]:
+            return whole(work.ways.values[slot])
+    work.counts.ways[0] += 1
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    way = free_motion(
+        hand, path, found, j, i, new.at[j], new.at[j + 1], terms.high, terms.clearance,
+        np.empty((path.R_WO.shape[1], n_a)),
     )  # fmt: skip
-    new.end[j] = value if held else np.inf
-    fine = start < np.inf and held
-    new.e[j] = 0.0 if fine else 1.0
-    new.f[j] = 0.5 * (start + value) if fine else 0.0
-    new.h[j] = loose(hand, path, j, work.bears, new.V[j])
+    if work.shortcuts.memory:
+        remember(work.ways, slot, key, way)
+    return way
 
 
 @njit(cache=True, nogil=True)
@@ -303,97 +307,169 @@ def interval_energy(terms: Terms, state: State, j: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def bearing(state: State, j: int, bears: NDArray[np.uint8]) -> None:
-    """Which agents bear force in interval j: those in contact that neither relocate nor retire."""
-    for i in range(len(bears)):
-        contact = state.V[j, i] != RELOCATE and state.V[j, i] != OFF
-        bears[i] = 1 if contact and state.holds[j, i] == 1 else 0
+def total(terms: Terms, state: State) -> float:
+    """E of a state all of whose terms are known."""
+    E = terms.change * changes(state.V)
+    for j in range(state.V.shape[0]):
+        E += interval_energy(terms, state, j)
+    return E
+
+
+@njit(cache=True, nogil=True)
+def walk(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
+    merge: bool, cur: State, new: State, room: float,
+) -> tuple[int, int]:  # fmt: skip
+    """Agent i's configurations under new.V from interval `first` on: (interval after the last that differs, times lost).
+
+    With `merge` the walk ends where, after interval `final`, it meets the current one; and where it is lost more than `room`
+    times, which shows in the count.
+    """
+    n, lost = new.V.shape[0], 0
+    known = work.shortcuts.memory == 1
+    here = new.at[first, i]
+    for j in range(first, n):
+        used = found.used[0]
+        here, behind = onward(
+            hand, path, scan, terms.commands, terms.clearance, found, j, i, here, whole(new.V[j, i]), known
+        )
+        work.counts.configurations[0] += found.used[0] - used
+        new.at[j + 1, i] = here
+        new.behind[j, i] = behind
+        if behind or (new.V[j, i] < RELOCATE and found.lost[here]):
+            lost += 1
+            if lost > room:
+                return j + 1, lost
+        if merge and j >= final and here == cur.at[j + 1, i]:
+            return j + 1, lost
+    return n, lost
 
 
 @njit(cache=True, nogil=True)
 def evaluate(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, V: Codes, first: int, final: int, bound: float, fresh: bool,
-    cur: State, new: State, work: Work,
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
+    bound: float, cur: State, new: State,
 ) -> tuple[float, int]:  # fmt: skip
-    """E(V) where V differs from cur.V in intervals first … final only; written to `new` from configuration `first` on.
+    """E(new.V), which differs from cur.V in agent i's intervals first … final only; i = −1: cur holds nothing.
 
-    Returns (E, stop): E is inf if it exceeds the bound; rows up to configuration `stop` of `new` differ from `cur`.
-    fresh: take nothing over, `cur` holds only the start.
+    Returns (E, last): E is inf if it exceeds the bound; intervals first … last − 1 of `new` differ from `cur`, and only they
+    are written.
     """
-    n, k = V.shape
-    E = terms.change * changes(V)
+    n, k = new.V.shape
+    if work.shortcuts.changed == 0:
+        i = whole(-1)
+    if i < 0:
+        first, final = whole(0), n - 1
+    if work.shortcuts.bound == 0:
+        limit = np.inf
+    else:
+        limit = bound + 1e-9 * (1.0 + abs(bound))  # partial sums are added up in another order
+    least = terms.change * changes(new.V)
     for j in range(first):
-        E += interval_energy(terms, cur, j)
-    if bound < E:
+        least += interval_energy(terms, cur, j)
+    if least > limit:
         return np.inf, first
-    for i in range(k):
-        copy_agent(hand, cur, new, first, i)
-        work.dirty[i] = 0
-        if first > 0:
-            new.V[first - 1, i], new.holds[first - 1, i] = cur.V[first - 1, i], cur.holds[first - 1, i]
-    if first > 0:
-        new.end[first - 1] = cur.end[first - 1]
-    for j in range(first, n):
-        touched = 0
-        for i in range(k):
-            work.touched[i] = 1 if fresh or work.dirty[i] == 1 or V[j, i] != cur.V[j, i] else 0
-            touched += work.touched[i]
-            new.V[j, i] = V[j, i]
-        if touched == 0 and j > final:
-            for rest_j in range(j, n):
-                E += interval_energy(terms, cur, rest_j)
-            return (E, j) if bound >= E else (np.inf, j)
-        mover = NOBODY
-        for i in range(k):
-            if mover < 0 and moves_freely(V[j, i], new.holds[j, i]):
-                mover = i
-        if touched > 0:
-            for i in range(k):
-                if moves_freely(V[j, i], new.holds[j, i]):
-                    work.touched[i] = 1  # who may move, its scan and its way depend on all the others
-        for i in range(k):
-            if work.touched[i] == 0:
-                copy_motion(cur, new, j, i)
-                copy_agent(hand, cur, new, j + 1, i)
-                continue
-            new.chosen[j, i] = -1
-            new.way[j, i] = 0
-            new.lost[j, i] = 0
-            if i == mover:
-                continue
-            if moves_freely(V[j, i], new.holds[j, i]):
-                stay_behind(hand, path, terms, new, j, i)  # one free motion at a time
-            elif new.holds[j, i] == 1:
-                follow_contact(hand, path, terms, new, j, i, whole(V[j, i]))
-            else:
-                rest(hand, new, j, i)
-        bearing(new, j, work.bears)
-        if mover >= 0 and work.touched[mover] == 1:
-            move_freely(hand, path, scan, terms, new, j, mover, work)
-        for i in range(k):
-            work.dirty[i] = 1 if work.touched[i] == 1 and not same_agent(hand, new, cur, j + 1, i) else 0
-            if fresh:
-                work.dirty[i] = 1
-        if touched == 0:
-            for a in range(k):
-                new.hits[j, a] = cur.hits[j, a]
-            copy_terms(cur, new, j)
-        else:
-            collisions(hand, terms, cur, new, j, work, fresh)
-            score_interval(hand, path, terms, new, j, work)
-        E += interval_energy(terms, new, j)
-        if bound < E:
-            return np.inf, j + 1
-    return E, n
+    last = first
+    for a in range(k):
+        new.at[first, a] = cur.at[first, a]
+    for a in range(k):
+        if i < 0 or a == i:
+            end, lost = walk(
+                hand, path, scan, terms, found, work, a, first, final, i >= 0, cur, new,
+                (limit - least) / terms.collision if terms.collision > 0.0 else np.inf,
+            )  # fmt: skip
+            last = max(last, end)
+            least += terms.collision * lost
+            if least > limit:
+                return np.inf, last
+    for j in range(last, n):
+        least += interval_energy(terms, cur, j)
+    for j in range(first, last):
+        movers, own = 0, 0
+        for a in range(k):
+            if i >= 0 and a != i:
+                new.V[j, a] = cur.V[j, a]
+                new.at[j + 1, a] = cur.at[j + 1, a]
+                new.behind[j, a] = cur.behind[j, a]
+                if new.behind[j, a] or (new.V[j, a] < RELOCATE and found.lost[new.at[j + 1, a]]):
+                    own += 1
+                own += found.own[new.at[j + 1, a]]
+                for b in range(a + 1, k):
+                    if b != i:
+                        new.touch[j, a, b] = cur.touch[j, a, b]
+                        own += new.touch[j, a, b]
+            if moves_freely(new.V[j, a], found.holds[new.at[j, a]]) and not new.behind[j, a]:
+                movers += 1
+        new.h[j] = loose(hand, path, found, new, j)
+        new.c[j] = max(0, movers - 1)  # one free motion at a time
+        least += terms.stability * new.h[j] + terms.collision * (new.c[j] + own)
+    if least > limit:
+        return np.inf, last
+    for j in range(first, last):
+        for a in range(k):
+            if i < 0 or a == i:
+                least += terms.collision * own_hits(hand, found, j + 1, a, new.at[j + 1, a], terms.clearance)
+                if least > limit:
+                    return np.inf, last
+    for j in range(first, last):
+        for a in range(k):
+            for b in range(a + 1, k):
+                if i < 0 or a == i or b == i:
+                    x, y = new.at[j + 1, a], new.at[j + 1, b]
+                    new.touch[j, a, b] = 1 if collide(hand, terms, found, work, a, b, x, y) else 0
+                    least += terms.collision * new.touch[j, a, b]
+        if least > limit:
+            return np.inf, last
+    for j in range(first, last):
+        force_terms(hand, path, terms, found, work, new, j)
+        least += terms.equilibrium * new.e[j] + terms.force * new.f[j]
+        if least > limit:
+            return np.inf, last
+    for j in range(first, last):
+        for a in range(k):
+            new.way[j, a] = 0
+            if moves_freely(new.V[j, a], found.holds[new.at[j, a]]) and not new.behind[j, a]:
+                if i >= 0 and a != i and new.at[j, i] == cur.at[j, i] and new.at[j + 1, i] == cur.at[j + 1, i]:
+                    new.way[j, a] = cur.way[j, a]
+                else:
+                    new.way[j, a] = way_of(hand, path, terms, found, work, new, j, a)
+                if new.way[j, a] < 0:
+                    least += terms.collision
+                    if least > limit:
+                        return np.inf, last
+    for j in range(first, last):
+        for a in range(k):
+            here = new.at[j + 1, a]
+            if new.behind[j, a] or (new.V[j, a] < RELOCATE and found.lost[here]):
+                new.c[j] += 1
+            new.c[j] += found.own[here]
+            if new.way[j, a] < 0:
+                new.c[j] += 1
+            for b in range(a + 1, k):
+                new.c[j] += new.touch[j, a, b]
+    E = terms.change * changes(new.V)
+    for j in range(n):
+        E += interval_energy(terms, new if first <= j < last else cur, j)
+    return (E, last) if E <= bound else (np.inf, last)
 
 
 @njit(cache=True, nogil=True)
-def adopt(hand: Hand, new: State, cur: State, first: int, stop: int) -> None:
-    """Take the trial state over into the current one, configurations first + 1 … stop."""
-    k = cur.V.shape[1]
-    for j in range(first, stop):
-        for i in range(k):
-            copy_agent(hand, new, cur, j + 1, i)
-            copy_motion(new, cur, j, i)
-        cur.hits[j] = new.hits[j]
-        copy_terms(new, cur, j)
+def make_room(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State
+) -> None:  # fmt: skip
+    """Before an evaluation that could run out of configurations: forget all, and find the current state's anew."""
+    n, k = cur.V.shape
+    if found.used[0] + (k + 1) * (n + 1) + 64 < SIZE:
+        return
+    forget_configurations(found, k)
+    forget(work.pairs)
+    forget(work.sums)
+    forget(work.ways)
+    for i in range(k):
+        here = cur.at[0, i]
+        for j in range(n):
+            here, _ = onward(
+                hand, path, scan, terms.commands, terms.clearance, found, j, i, here, whole(cur.V[j, i]), True
+            )
+            cur.at[j + 1, i] = here
+            own_hits(hand, found, j + 1, i, here, terms.clearance)

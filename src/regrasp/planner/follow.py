@@ -74,6 +74,16 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> float:
+    """Joint angles q (in: seed, on whose branch they stay) of a six-joint agent whose tip is at X_WT; returns what is left.
+
+    Link frames are those of q, whether the pose is reached or not.
+    """
+    residual, _ = inverse(hand.chains, i, R_WT, p_WT, q, R_WL, p_WL)
+    return residual
+
+
+@njit(cache=True, nogil=True)
 def reach_tip(
     hand: Hand, path: Path, j: int, s: int, i: int,
     p_OC: Array, p_TC: Array, R_OT: Array, q: Array, R_WL: Array, p_WL: Array,
@@ -82,7 +92,7 @@ def reach_tip(
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
     tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     before = q.copy()
-    residual, _ = inverse(hand.chains, i, R_WT, p_WT, q, R_WL, p_WL)
+    residual = reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL)
     return residual < REACHED and np.max(np.abs(q - before)) < JUMP
 
 

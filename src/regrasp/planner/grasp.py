@@ -11,24 +11,15 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import block_hit, place, tip_hit
+from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.energy import Terms
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import (
-    LOOKS,
-    Scan,
-    candidate_free,
-    hold_on,
-    indispensable,
-    outlook_of,
-    touch,
-    touch_down,
-)
 from regrasp.planner.reserve import Margins
-from regrasp.planner.state import State, empty_state
+from regrasp.planner.scan import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
@@ -43,36 +34,6 @@ class GraspSearch:
 
     restarts: int = 6
     friction_use: float = 0.6
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """Contacts and joints at one object pose: rows of `State`.
-
-    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3).
-    """
-
-    q: Array
-    holds: NDArray[np.uint8]
-    p_OC: Array
-    p_TC: Array
-    R_OT: Array
-
-
-def grasp_at(state: State, j: int) -> Grasp:
-    """The grasp of configuration j."""
-    return Grasp(*(row[j].copy() for row in (state.q, state.holds, state.p_OC, state.p_TC, state.R_OT)))
-
-
-def put(hand: Hand, grasp: Grasp, state: State) -> None:
-    """Write the grasp into configuration 0 of the state, bodies included."""
-    state.q[0], state.holds[0] = grasp.q, grasp.holds
-    state.p_OC[0], state.p_TC[0], state.R_OT[0] = grasp.p_OC, grasp.p_TC, grasp.R_OT
-    for i in range(len(hand.tip_geom)):
-        first, last = hand.chains.start[i], hand.chains.start[i + 1]
-        R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-        forward(hand.chains, i, state.q[0, first:last], R_WL, p_WL)
-        place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, state.R_WG[0], state.p_WG[0])
 
 
 def contact_from(hand: Hand, i: int, R_WO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
@@ -132,55 +93,130 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
 
 
 @njit(cache=True, nogil=True)
+def indispensable(
+    hand: Hand, path: Path, bears: NDArray[np.uint8], p: Array, n: Array, margins: Margins, lp: Program
+) -> float:
+    """Part of the agents that bear without any one of which the others, at rest, don't hold the object at the path's start."""
+    codes, t = np.full(len(bears), STAY, np.int16), np.zeros((len(bears), 3))
+    left, start = bears.copy(), whole(0)
+    count, lost = 0, 0
+    for a in range(len(bears)):
+        if bears[a]:
+            count += 1
+            left[a] = 0
+            held, _, _ = balance(hand, path, start, start, left, codes, p, n, t, margins, False, lp)
+            left[a] = 1
+            if not held:
+                lost += 1
+    return lost / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
 def grasp_cost(
-    hand: Hand, path: Path, scan: Scan, state: State, terms: Terms, agents: NDArray[np.int64],
-    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead: Array,
+    hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
+    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array,
     bound: float, lp: Program,
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
     As in a relocation: where contacts leave reach, and agents that could not be relocated as the others don't hold.
-    kept (agents, C): part of the path on which each can keep its contact; ahead (agents, C, LOOKS + 1, n_max): its joints
-    there. inf without equilibrium, where two agents collide at the start, or
-    as soon as it is known not to be below the bound.
+    kept (agents, C): part of the path on which each can keep its contact; ahead_R, ahead_p (agents, C, LOOKS + 1, g_max, …):
+    its bodies there; rest_R, rest_p (k, g_max, …): all agents' bodies at rest. inf without equilibrium, where two agents
+    collide at the start, or as soon as it is known not to be below the bound.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
-    bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int8)
+    bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int16)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
+    which = np.full(k, -1)
     cost, start = 0.0, whole(0)
     for a in range(len(agents)):
         i = agents[a]
+        which[i] = a
         bears[i] = 1
         p[i] = scan.p[i, 0, choice[a]]
         normal[i] = scan.n[i, 0, choice[a]]
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
     if cost >= bound:
         return np.inf
-    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, lp)
-    if not held:
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, False, lp)
+    if not held or cost + value >= bound:
         return np.inf
-    cost += value + terms.outlook * indispensable(hand, path, start, start, bears, p, normal, margins, lp)
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, lp)
-    if not held:
-        cost += 2.0 * terms.outlook
-    else:
-        cost += value
+    cost += value
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, True, lp)
+    cost += value if held else 2.0 * terms.outlook
+    if cost >= bound:
+        return np.inf
+    cost += terms.outlook * indispensable(hand, path, bears, p, normal, margins, lp)
     if cost >= bound:
         return np.inf
     for look in range(LOOKS + 1):
-        R_WG, p_WG = state.R_WG[0].copy(), state.p_WG[0].copy()
-        for a in range(len(agents)):
-            i = agents[a]
-            n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-            R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-            forward(hand.chains, i, ahead[a, choice[a], look, :n_a], R_WL, p_WL)
-            place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
         for a in range(k):
+            R_A, p_A = rest_R[a], rest_p[a]
+            if which[a] >= 0:
+                R_A, p_A = ahead_R[which[a], choice[which[a]], look], ahead_p[which[a], choice[which[a]], look]
             for c in range(a + 1, k):
-                if block_hit(hand, a, c, R_WG, p_WG, terms.clearance):
+                R_C, p_C = rest_R[c], rest_p[c]
+                if which[c] >= 0:
+                    R_C, p_C = ahead_R[which[c], choice[which[c]], look], ahead_p[which[c], choice[which[c]], look]
+                if hits(hand, a, c, R_A, p_A, R_C, p_C, terms.clearance):
                     if look == 0:
                         return np.inf
                     cost += terms.outlook / LOOKS
+                    if cost >= bound:
+                        return np.inf
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def look_over(
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, clearance: float,
+    kept: Array, ahead_R: Array, ahead_p: Array,
+) -> int:  # fmt: skip
+    """Every candidate for agent i at the path's start: how many it can stand on; kept and bodies as in `grasp_cost`, out.
+
+    kept (C,) is −1 where it can't.
+    """
+    n_a, count = hand.chains.start[i + 1] - hand.chains.start[i], 0
+    start = whole(0)
+    joints, p_TC, R_OT = np.zeros((LOOKS + 1, n_a)), np.empty(3), np.empty((3, 3))
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    for c in range(len(scan.p_O)):
+        kept[c] = -1.0
+        if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, clearance):
+            continue
+        count += 1
+        kept[c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, clearance)
+        touch(hand, path, scan, start, i, c, p_TC, R_OT)
+        joints[0] = scan.q[i, 0, c, :n_a]
+        reached = hold_on(hand, path, start, i, scan.p[i, 0, c], p_TC, R_OT, joints)
+        for look in range(LOOKS + 1):
+            forward(hand.chains, i, joints[min(look, reached)], R_WL, p_WL)
+            place_agent(hand, i, R_WL, p_WL, ahead_R[c, look], ahead_p[c, look])
+    return count
+
+
+@njit(cache=True, nogil=True)
+def improve(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
+    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array, cost: float, lp: Program,
+) -> float:  # fmt: skip
+    """Change one agent's candidate at a time as long as the cost falls; choice in and out. Returns the cost."""
+    changed = True
+    while changed:
+        changed = False
+        for a in range(len(agents)):
+            for c in range(len(scan.p_O)):
+                if kept[a, c] < 0.0:
+                    continue
+                before = choice[a]
+                choice[a] = c
+                value = grasp_cost(
+                    hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, kept, ahead_R, ahead_p, cost, lp
+                )
+                if value < cost - 1e-9:
+                    cost, changed = value, True
+                else:
+                    choice[a] = before
     return cost
 
 
@@ -189,59 +225,45 @@ def find_grasp(
     settings: GraspSearch, rng: np.random.Generator,
 ) -> Grasp | Failure:  # fmt: skip
     """A start grasp (`auto`): all agents that are not off, on candidates of the scan, with the least cost found."""
-    k = len(hand.tip_geom)
+    k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     agents = np.array([i for i in range(k) if i not in off], np.int64)
-    state = empty_state(hand, path)
-    put(hand, build_grasp(hand, path.R_WO[0, 0], {}), state)
+    R_WB, p_WB = bodies_along(hand, path)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
-    count = len(scan.p_O)
     kept = np.zeros((len(agents), count))
-    ahead = np.zeros((len(agents), count, LOOKS + 1, scan.q.shape[3]))
-    legal = []
+    ahead_R, ahead_p = np.zeros((len(agents), count, LOOKS + 1, geoms, 3, 3)), np.zeros((len(agents), count, LOOKS + 1, geoms, 3))
     for a, i in enumerate(agents):
-        standing = [c for c in range(count) if candidate_free(hand, path, scan, state, 0, i, c, terms.clearance)]
-        if not standing:
+        if not look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[a], ahead_R[a], ahead_p[a]):
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
                 "move the object nearer to its base, or list the agent in start.off",
             )  # fmt: skip
-        for c in standing:
-            kept[a, c] = outlook_of(hand, path, scan, state, 0, i, c, terms.clearance)
-            p_TC, R_OT = np.empty(3), np.empty((3, 3))
-            touch(hand, path, scan, 0, i, c, p_TC, R_OT)
-            joints = np.zeros((LOOKS + 1, hand.chains.start[i + 1] - hand.chains.start[i]))
-            joints[0] = scan.q[i, 0, c, : joints.shape[1]]
-            reached = hold_on(hand, path, 0, i, scan.p[i, 0, c], p_TC, R_OT, joints)
-            joints[reached + 1 :] = joints[reached]
-            ahead[a, c, :, : joints.shape[1]] = joints
-        legal.append(np.array(standing))
+    legal = [np.flatnonzero(row >= 0.0) for row in kept]
+    rest_R, rest_p = np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
+    for i in range(k):
+        first, last = hand.chains.start[i], hand.chains.start[i + 1]
+        R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
+        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
+        place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
     for i in off:
-        if any(block_hit(hand, i, c, state.R_WG[0], state.p_WG[0], 0.0) for c in (k, k + 1)) or tip_hit(
-            hand, i, state.R_WG[0], state.p_WG[0], 0.0
+        if (
+            hits(hand, i, k, rest_R[i], rest_p[i], R_WB[0], p_WB[0], 0.0)
+            or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, -1:], p_WB[0, -1:], 0.0)
+            or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, -1], p_WB[0, -1], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     best, best_choice = np.inf, None
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
-    tries = 0
-    improved = 0
+    tries, improved = 0, 0
+    fixed = (hand, path, scan, terms, agents, rest_R, rest_p)
     while improved < settings.restarts and tries < 200 * settings.restarts:
         tries += 1
         choice = np.array([rng.choice(free) for free in legal])
-        cost = grasp_cost(hand, path, scan, state, terms, agents, choice, margins, kept, ahead, np.inf, lp)
+        cost = grasp_cost(*fixed, choice, margins, kept, ahead_R, ahead_p, np.inf, lp)
         if cost == np.inf:
             continue
         improved += 1
-        changed = True
-        while changed:
-            changed = False
-            for a, candidates in enumerate(legal):
-                for c in candidates:
-                    trial = choice.copy()
-                    trial[a] = c
-                    value = grasp_cost(hand, path, scan, state, terms, agents, trial, margins, kept, ahead, cost, lp)
-                    if value < cost - 1e-9:
-                        cost, choice, changed = value, trial, True
+        cost = improve(*fixed, choice, margins, kept, ahead_R, ahead_p, cost, lp)
         if cost < best:
             best, best_choice = cost, choice
     if best_choice is None:

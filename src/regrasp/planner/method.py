@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
-from regrasp.planner.grasp import Grasp, GraspSearch, find_grasp, given_grasp
+from regrasp.planner.configurations import Grasp
+from regrasp.planner.grasp import GraspSearch, find_grasp, given_grasp
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report
 from regrasp.planner.path import Path, Pose, distance, nominal_path
 from regrasp.planner.poses import Node, PoseGrid
-from regrasp.planner.relocation import new_scan
+from regrasp.planner.scan import new_scan
 from regrasp.planner.route import GlobalPlanner, Router
 from regrasp.planner.supports import Support, supports_of
 from regrasp.planner.timing import Timing

@@ -10,18 +10,17 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.contact import advance
-from regrasp.kernels.forces import contact_forces
 from regrasp.kernels.surfaces import project, tangents
-from regrasp.planner.balance import balance, is_sliding, slide_direction
-from regrasp.planner.collision import block_hit, place, tip_hit
-from regrasp.planner.energy import Terms, Work, bearing, moves_freely
+from regrasp.planner.balance import balance
+from regrasp.planner.collision import hits, place, place_agent, tip_hits
+from regrasp.planner.configurations import Configurations
+from regrasp.planner.energy import Terms, Work, moves_freely
 from regrasp.planner.follow import is_full, reach_tip, short_step
 from regrasp.planner.hand import RANGE_MARGIN, Hand
-from regrasp.planner.motions import OFF, RELOCATE, whole
+from regrasp.planner.motions import OFF, ONTO, RELOCATE, is_sliding, plain, slide_direction, whole
+from regrasp.planner.passage import free_motion
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import Scan, free_motion
 from regrasp.planner.state import State
-from regrasp.planner.supports import SLIDE, STICK
 
 Array = NDArray[np.float64]
 
@@ -55,8 +54,6 @@ class Motion:
     p_OC_O: Array
     n_O: Array
     x_O: Array
-    force_W: Array
-    support_force_W: Array
     violations: tuple[Violation, ...]
 
 
@@ -94,111 +91,103 @@ def trace_contact(
 @njit(cache=True, nogil=True)
 def sample_hits(
     hand: Hand, path: Path, j: int, q: Array, holds: NDArray[np.uint8], ends: NDArray[np.uint8], clearance: float,
-    hits: NDArray[np.uint8], static_R: Array, static_p: Array,
+    R_B: Array, p_B: Array, found: NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Blocks that collide at any sample of interval j: hits (k, k + 2). q (m + 1, nq) joints of all agents.
+    """Blocks that collide at any sample of interval j: found (k, k + 2). q (m + 1, nq) joints of all agents.
 
     holds (k,): in contact all through; ends (k,): in contact at the start (1), the end (2) or both (3) of a free motion,
-    near which its tip may be close to the object.
+    near which its tip may be close to the object. R_B, p_B: static bodies, then the object, which is moved.
     """
-    m, k = q.shape[0] - 1, len(holds)
-    R_WG, p_WG = static_R.copy(), static_p.copy()
-    obj = np.zeros((1, 3, 3))
-    obj_p = np.zeros((1, 3))
+    m, k, last = q.shape[0] - 1, len(holds), len(R_B) - 1
+    geoms = np.max(np.diff(hand.geom_start))
+    R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
+    obj, obj_p = np.zeros((1, 3, 3)), np.zeros((1, 3))
     rise = m // 4
     joints = np.max(np.diff(hand.chains.start))
     R_WL, p_WL = np.empty((joints + 1, 3, 3)), np.empty((joints + 1, 3))
     for s in range(m + 1):
         obj[0], obj_p[0] = path.R_WO[j, s], path.p_WO[j, s]
-        place(hand, hand.object_geom, hand.object_geom + 1, obj, obj_p, R_WG, p_WG)
+        place(hand, hand.object_geom, hand.object_geom + 1, obj, obj_p, R_B[last:], p_B[last:])
         for i in range(k):
             forward(hand.chains, i, q[s, hand.chains.start[i] : hand.chains.start[i + 1]], R_WL, p_WL)
-            place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+            place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
         for a in range(k):
             near = (ends[a] & 1 and s <= rise) or (ends[a] & 2 and s >= m - rise)
-            for c in range(a, k + 2):
-                if block_hit(hand, a, c, R_WG, p_WG, clearance):
-                    hits[a, c] = 1
-            if holds[a] == 0 and not near and tip_hit(hand, a, R_WG, p_WG, clearance):
-                hits[a, k + 1] = 1
+            for c in range(a, k):
+                if hits(hand, a, c, R_G[a], p_G[a], R_G[c], p_G[c], clearance):
+                    found[a, c] = 1
+            if hits(hand, a, k, R_G[a], p_G[a], R_B, p_B, clearance):
+                found[a, k] = 1
+            if hits(hand, a, k + 1, R_G[a], p_G[a], R_B[last:], p_B[last:], clearance) or (
+                holds[a] == 0 and not near and tip_hits(hand, a, R_G[a], p_G[a], R_B[last], p_B[last], clearance)
+            ):
+                found[a, k + 1] = 1
 
 
 def detail(
-    hand: Hand,
-    path: Path,
-    scan: Scan,
-    terms: Terms,
-    state: State,
-    V: NDArray[np.int8],
-    work: Work,
-    names: tuple[str, ...],
-) -> Motion:
-    """The Motion of V, whose interval ends stand in the state as `evaluate` left them."""
+    hand: Hand, path: Path, terms: Terms, found: Configurations, state: State, work: Work, names: tuple[str, ...]
+) -> Motion:  # fmt: skip
+    """The Motion of a V, whose interval ends stand in the state as `evaluate` left them."""
+    V = state.V
     n, k = V.shape
     m = path.R_WO.shape[1] - 1
-    slots = path.support_mode.shape[1]
     joints = np.zeros((n, m + 1, len(hand.home)))
     p_OC, n_O, x_O = (np.full((n, m + 1, k, 3), np.nan) for _ in range(3))
-    force, support_force = np.zeros((n, m + 1, k, 3)), np.zeros((n, m + 1, slots, 3))
     twist = np.zeros((n, k, 4))
-    found: list[Violation] = []
-    bears = np.zeros(k, np.uint8)
+    broken: list[Violation] = []
+    holds = found.holds[state.at]
     # Any contact motion of an agent that is not in contact means that it stays off.
-    said = (V == RELOCATE) | (state.holds[:n] == 1)
+    said = (V >= ONTO) | (holds[:n] == 1)
     for j in range(n):
-        bearing(state, j, bears)
+        bears = ((V[j] < RELOCATE) & (holds[j] == 1)).astype(np.uint8)
         ends = np.zeros(k, np.uint8)
         for i in range(k):
             first, last = hand.chains.start[i], hand.chains.start[i + 1]
+            here, there = state.at[j, i], state.at[j + 1, i]
             q = np.zeros((m + 1, last - first))
-            q[0] = state.q[j, first:last]
+            q[0] = found.q[here, : last - first]
             if bears[i]:
                 p, p_T, x, nn = (np.zeros((m + 1, 3)) for _ in range(4))
                 R = np.zeros((m + 1, 3, 3))
-                p[0], p_T[0], R[0] = state.p_OC[j, i], state.p_TC[j, i], state.R_OT[j, i]
+                p[0], p_T[0], R[0] = found.p_OC[here], found.p_TC[here], found.R_OT[here]
                 traced = trace_contact(hand, path, terms.commands[V[j, i]], j, i, p, p_T, R, x, q, nn)
-                if state.lost[j, i] or not traced or np.max(np.abs(q[m] - state.q[j + 1, first:last])) > SAME:
-                    found.append(Violation("reach", j, names[i], "leaves its workspace while in contact"))
-                q[m] = state.q[j + 1, first:last]
+                if found.lost[there] or not traced or np.max(np.abs(q[m] - found.q[there, : last - first])) > SAME:
+                    broken.append(Violation("reach", j, names[i], "leaves its workspace while in contact"))
+                q[m] = found.q[there, : last - first]
                 p_OC[j, :, i], n_O[j, :, i], x_O[j, :, i] = p, nn, x
                 twist[j, i] = achieved(hand, i, terms.commands[V[j, i]], R, x, nn)
-            elif moves_freely(V[j, i], state.holds[j, i]) and not state.lost[j, i]:
-                c = state.chosen[j, i]
-                lands = c >= 0
-                goal_q = scan.q[i, j + 1, c, : last - first] if lands else hand.home[first:last]
-                p_c, n_c = (scan.p[i, j + 1, c], scan.n[i, j + 1, c]) if lands else (np.zeros(3), np.zeros(3))
-                clear = free_motion(
-                    hand, path, state, j, i, bool(state.holds[j, i]), lands, p_c, n_c, goal_q, state.way[j, i],
-                    terms.high, terms.clearance, q,
-                )  # fmt: skip
-                ends[i] = int(state.holds[j, i]) + 2 * int(lands)
-                if not clear:
-                    found.append(Violation("collision", j, names[i], "has no free way between contacts"))
+            elif moves_freely(V[j, i], holds[j, i]) and not state.behind[j, i] and state.way[j, i] >= 0:
+                free_motion(hand, path, found, j, i, state.at[j], state.at[j + 1], terms.high, terms.clearance, q)
+                ends[i] = holds[j, i] + 2 * holds[j + 1, i]
                 if least_gap(hand, path, j, i, q) < -GRAZE:
-                    found.append(
+                    broken.append(
                         Violation("collision", j, names[i], "grazes the object as it lifts off or touches down")
                     )
             else:
                 q[:] = q[0]
-                if state.lost[j, i]:
-                    found.append(Violation("reach", j, names[i], "finds no free way to or from a contact"))
+                if moves_freely(V[j, i], holds[j, i]):
+                    broken.append(Violation("reach", j, names[i], "finds no free way to or from a contact"))
             joints[j, :, first:last] = q
             fine = between(q)
             if bears[i] and np.max(np.abs(np.diff(q, 2, axis=0))) > UNEVEN:
-                found.append(Violation("reach", j, names[i], "comes too near to a singularity while in contact"))
+                broken.append(Violation("reach", j, names[i], "comes too near to a singularity while in contact"))
             if np.any(fine < hand.chains.lower[first:last] - LIMIT) or np.any(
                 fine > hand.chains.upper[first:last] + LIMIT
             ):
-                found.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
-        hits = np.zeros((k, k + 2), np.uint8)
-        sample_hits(hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, hits, state.R_WG[j], state.p_WG[j])
-        for a, c in zip(*np.nonzero(hits), strict=True):
+                broken.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
+        if sum(moves_freely(V[j, i], holds[j, i]) for i in range(k)) > 1:
+            broken.append(Violation("collision", j, "", "more than one agent moves freely at a time"))
+        touched = np.zeros((k, k + 2), np.uint8)
+        sample_hits(
+            hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, found.R_WB[j].copy(), found.p_WB[j].copy(), touched
+        )
+        for a, c in zip(*np.nonzero(touched), strict=True):
             other = names[c] if c < k else ("a static body", "the object")[c - k]
-            found.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
-        if not forces(hand, path, terms, j, bears, V[j], p_OC[j], n_O[j], x_O[j], work, force[j], support_force[j]):
-            found.append(Violation("equilibrium", j, "", "no contact forces hold the object"))
-    V = np.where(said, V, OFF).astype(np.int8)
-    return Motion(path, V, joints, twist, p_OC, n_O, x_O, force, support_force, tuple(found))
+            broken.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
+        if not balanced(hand, path, terms, j, bears, V[j], p_OC[j], n_O[j], x_O[j], work):
+            broken.append(Violation("equilibrium", j, "", "no contact forces hold the object"))
+    V = np.where(said, plain(V), OFF).astype(np.int8)
+    return Motion(path, V, joints, twist, p_OC, n_O, x_O, tuple(broken))
 
 
 def between(q: Array) -> Array:
@@ -237,34 +226,23 @@ def achieved(hand: Hand, i: int, command: Array, R_OT: Array, x_O: Array, n_O: A
     return total
 
 
-def forces(
-    hand: Hand, path: Path, terms: Terms, j: int, bears: NDArray[np.uint8], codes: NDArray[np.int8],
-    p_OC: Array, n_O: Array, x_O: Array, work: Work, force: Array, support_force: Array,
+@njit(cache=True, nogil=True)
+def balanced(
+    hand: Hand, path: Path, terms: Terms, j: int, bears: NDArray[np.uint8], codes: NDArray[np.int16],
+    p_OC: Array, n_O: Array, x_O: Array, work: Work,
 ) -> bool:  # fmt: skip
-    """Contact forces (W, N) at every sample of interval j from the force LP; whether there are any everywhere."""
+    """Whether contact forces hold the object at every sample of interval j; p_OC, n_O, x_O (m + 1, k, 3)."""
     m, k = len(p_OC) - 1, len(bears)
-    t = np.zeros((k, 3))
-    y_O = np.cross(n_O, x_O)
-    count = k + path.support_mode.shape[1]
-    fine = True
+    t, y = np.zeros((k, 3)), np.zeros(3)
+    work.signature[0] = -1
     for s in range(m + 1):
         for i in range(k):
-            if bears[i] and is_sliding(codes[i]):
-                slide_direction(codes[i], x_O[s, i], y_O[s, i], t[i])
-        held, _, columns = balance(hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margins, work.lp)
+            if bears[i] and is_sliding(whole(codes[i])):
+                n, x = n_O[s, i], x_O[s, i]
+                for a in range(3):
+                    y[a] = n[(a + 1) % 3] * x[(a + 2) % 3] - n[(a + 2) % 3] * x[(a + 1) % 3]
+                slide_direction(whole(codes[i]), x, y, t[i])
+        held, _, _ = balance(hand, path, j, s, bears, codes, p_OC[s], n_O[s], t, terms.margins, s > 0, work.lp)
         if not held:
-            fine = False
-            continue
-        starts, at = np.zeros(count + 1, np.int64), 0
-        for c in range(count):
-            starts[c] = at
-            if c < k:
-                at += (1 if is_sliding(codes[c]) else 8) if bears[c] else 0
-            else:
-                at += {STICK: 8, SLIDE: 1}.get(int(path.support_mode[j, c - k]), 0)
-        starts[count] = columns
-        f_O = np.zeros((count, 3))
-        contact_forces(work.lp.A, work.lp.solution, starts, hand.weight, f_O)
-        f_W = f_O @ path.R_WO[j, s].T
-        force[s], support_force[s] = f_W[:k], f_W[k:]
-    return fine
+            return False
+    return True

@@ -6,18 +6,41 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 STAY = 0
 ROLL_X, ROLL_MINUS_X, ROLL_Y, ROLL_MINUS_Y = 1, 2, 3, 4
 SLIDE_X, SLIDE_MINUS_X, SLIDE_Y, SLIDE_MINUS_Y = 5, 6, 7, 8
 RELOCATE = 9
 OFF = 10
 MOTION_COUNT = 11
+ONTO = 11
+"""In the search a relocation names its candidate: code ONTO + c takes the agent onto candidate c of the scan."""
 
 
 @njit(cache=True, nogil=True)
 def whole(value: int) -> int:
     """The number as numba's int64: it would compile a kernel and all it calls a second time for a literal argument."""
     return np.int64(value)  # type: ignore[return-value]
+
+
+@njit(cache=True, nogil=True)
+def is_sliding(code: int) -> bool:
+    """Whether the contact motion is one of slide ±x, ±y."""
+    return SLIDE_X <= code <= SLIDE_MINUS_Y
+
+
+@njit(cache=True, nogil=True)
+def slide_direction(code: int, x: Array, y: Array, t: Array) -> None:
+    """t = the direction in which a sliding tip moves over the object, and so of its friction on the object."""
+    for a in range(3):
+        along = x[a] if code <= SLIDE_MINUS_X else y[a]
+        t[a] = along if code in (SLIDE_X, SLIDE_Y) else -along
+
+
+def plain(V: NDArray[np.int16]) -> NDArray[np.int8]:
+    """V with relocations as RELOCATE, whatever their candidates."""
+    return np.where(V >= ONTO, RELOCATE, V).astype(np.int8)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -29,6 +30,15 @@ class Path(Record):
     support_t_O: Array
     support_mu: Array
     support_of: Ints
+
+
+@njit(cache=True, nogil=True)
+def pose_at(path: Path, j: int) -> tuple[Array, Array]:
+    """Object pose of configuration j = 0 … n."""
+    n, samples = path.R_WO.shape[0], path.R_WO.shape[1]
+    if j < n:
+        return path.R_WO[j, 0], path.p_WO[j, 0]
+    return path.R_WO[n - 1, samples - 1], path.p_WO[n - 1, samples - 1]
 
 
 Pose = tuple[Array, Array]

@@ -16,7 +16,7 @@ from regrasp.kernels.forces import EDGES, friction_edges
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import tangents
-from regrasp.planner.collision import block_hit, closer, place
+from regrasp.planner.collision import closer, object_hits, place
 from regrasp.planner.hand import Hand
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
@@ -55,27 +55,22 @@ class Router:
         self.penalties: astar.Penalties[Node] = astar.Penalties()
         self._free: dict[tuple[Node, Node], bool] = {}
         self._force: dict[Node, float] = {}
-        count = hand.object_geom + 1
-        self._R_WG, self._p_WG = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        self._R_WG[:-1], self._p_WG[:-1] = hand.geoms.R_LG[:-1], hand.geoms.p_LG[:-1]
+        static = slice(hand.geom_start[-1], hand.object_geom)
+        count = hand.object_geom + 1 - hand.geom_start[-1]
+        self._R_WB, self._p_WB = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        self._R_WB[:-1], self._p_WB[:-1] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
         self._grasp_points = sample(hand.kind_O, hand.size_O, 24)
 
     def blocked(self, pose: Pose, clearance: float) -> str:
         """What the object would hit at a pose: '' if nothing, else the kind of body."""
-        k = len(self.hand.tip_geom)
-        place(
-            self.hand,
-            self.hand.object_geom,
-            self.hand.object_geom + 1,
-            pose[0][None],
-            pose[1][None],
-            self._R_WG,
-            self._p_WG,
-        )
-        if block_hit(self.hand, k, k, self._R_WG, self._p_WG, clearance):
+        hand, R_B, p_B = self.hand, self._R_WB, self._p_WB
+        place(hand, hand.object_geom, hand.object_geom + 1, pose[0][None], pose[1][None], R_B[-1:], p_B[-1:])
+        if object_hits(hand, R_B, p_B, clearance):
             return "an obstacle"
+        first = hand.geom_start[-1]
         for support in self.supports:
-            if closer(self.hand, self.hand.object_geom, support.geom, self._R_WG, self._p_WG, -TOUCH):
+            row = support.geom - first
+            if closer(hand, hand.object_geom, R_B[-1], p_B[-1], support.geom, R_B[row], p_B[row], -TOUCH):
                 return f"the support {support.name}"
         return ""
 

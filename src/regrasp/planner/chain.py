@@ -1,0 +1,216 @@
+"""A Markov chain over the matrices V of an arc (paper §4): what a move proposes, and the Metropolis rule, compiled.
+
+The chain is that of `search.annealing` on `ContactMotions`: the same random numbers give the same V's.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.planner.configurations import Configurations, Grasp, grasp_of, new_configurations
+from regrasp.planner.energy import Shortcuts, Terms, Work, evaluate, make_room, new_work
+from regrasp.planner.hand import Hand
+from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, whole
+from regrasp.planner.path import Path
+from regrasp.planner.relocation import choose
+from regrasp.planner.scan import Scan
+from regrasp.planner.state import State, copy_intervals, new_state
+from regrasp.search.annealing import Result, Settings, temperature, temperature_of
+from regrasp.search.annealing import State as AnnealingState
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int16]
+
+DRAWS = 8  # random numbers of a move, beside those of the candidates that it compares
+CARRY = 0.3  # part of the moves that carry the motion of a neighbouring interval on
+RUN = 0.7  # part of the others that reach over a run of intervals
+BLOCK = 100  # moves between two looks at the clock
+
+
+@njit(cache=True, nogil=True)
+def propose(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, u: Array, new: State
+) -> tuple[int, int, int]:
+    """new.V: one agent does another motion over a run of intervals, or a change of motion moves to another time.
+
+    u (DRAWS + sample,): uniform on [0, 1). Returns (agent, first and last interval of the change).
+    """
+    n, k = cur.V.shape
+    for j in range(n):
+        for a in range(k):
+            new.V[j, a] = cur.V[j, a]
+    i, first = whole(u[0] * k), whole(u[1] * n)
+    if u[2] < CARRY:
+        # Moves the time of a change without a new one.
+        final = min(n - 1, first + whole(u[4] * 3))
+        source = first - 1 if u[3] < 0.5 else final + 1
+        if 0 <= source < n and cur.V[source, i] < ONTO:
+            new.V[first : final + 1, i] = cur.V[source, i]
+            return i, first, final
+    code, final = whole(u[5] * MOTION_COUNT), first
+    if code == RELOCATE:
+        code = ONTO + choose(hand, path, scan, terms, found, work, cur, first, i, u[DRAWS:])
+    elif u[6] < RUN:
+        final = min(n - 1, first + whole(u[7] * n))
+    new.V[first : final + 1, i] = code
+    return i, first, final
+
+
+@njit(cache=True, nogil=True)
+def metropolis(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
+    u: Array, T: Array, E: float, best_E: float, best: Codes, energies: Array, best_energies: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """len(T) Metropolis moves from cur, whose energy is E: (E, the least E met).
+
+    u (len(T), DRAWS + sample + 1): uniform on [0, 1), the last of each row for the threshold; T: temperatures. best: the V of
+    the least energy, in and out; energies, best_energies: after every move, out.
+    """
+    for r in range(len(T)):
+        make_room(hand, path, scan, terms, found, work, cur)
+        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :-1], new)
+        bound = E - T[r] * math.log(1.0 - u[r, -1])
+        value, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
+        if value <= bound:
+            copy_intervals(new, cur, first if work.shortcuts.changed else whole(0), last)
+            E = value
+            if E < best_E:
+                best_E = E
+                best[:] = cur.V
+        energies[r], best_energies[r] = E, best_E
+    return E, best_E
+
+
+@njit(cache=True, nogil=True)
+def descend(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
+    u: Array, E: float, rises: Array,
+) -> tuple[float, int]:  # fmt: skip
+    """len(u) trial moves, of which those that don't rise are made: (E, how many rises were written to `rises`)."""
+    count = 0
+    for r in range(len(u)):
+        make_room(hand, path, scan, terms, found, work, cur)
+        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r], new)
+        value, last = evaluate(hand, path, scan, terms, found, work, i, first, final, np.inf, cur, new)
+        if value <= E:
+            copy_intervals(new, cur, first if work.shortcuts.changed else whole(0), last)
+            E = value
+        elif value < np.inf:
+            rises[count] = value - E
+            count += 1
+    return E, count
+
+
+@dataclass(frozen=True)
+class Change:
+    """A proposed V, which differs from the current one in one agent's intervals first … final only."""
+
+    V: Codes
+    agent: int
+    first: int
+    final: int
+
+
+class ContactMotions:
+    """Eq. (1) on one arc as a problem for `search.annealing`: the current V and its State, and the trial beside it."""
+
+    def __init__(
+        self, hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, V: Codes, shortcuts: Shortcuts | None = None
+    ) -> None:
+        n, k = V.shape
+        self.current, self.trial = new_state(n, k), new_state(n, k)
+        self.work = new_work(hand, path, shortcuts or Shortcuts())
+        self.found = new_configurations(hand, path, scan, start)
+        self.model = (hand, path, scan, terms, self.found, self.work)
+        self.draws = DRAWS + terms.sample
+        self.reset(V)
+
+    def reset(self, V: Codes) -> None:
+        """Take V as the current state, evaluated from scratch."""
+        make_room(*self.model, self.current)
+        self.trial.V[:] = V
+        self._energy, _ = evaluate(*self.model, -1, 0, len(V) - 1, np.inf, self.current, self.trial)
+        copy_intervals(self.trial, self.current, 0, len(V))
+
+    def energy(self) -> float:
+        """E of the current V."""
+        return self._energy
+
+    def propose(self, rng: np.random.Generator) -> Change:
+        """A random move (`propose`)."""
+        make_room(*self.model, self.current)
+        move = propose(*self.model, self.current, rng.random(self.draws), self.trial)
+        return Change(self.trial.V.copy(), *move)
+
+    def evaluate(self, move: Change, bound: float) -> float:
+        """E of the proposed V, or inf as soon as it is known to exceed the bound."""
+        self.trial.V[:] = move.V
+        self._tried, self._last = evaluate(
+            *self.model, move.agent, move.first, move.final, bound, self.current, self.trial
+        )
+        return self._tried
+
+    def accept(self, move: Change) -> None:
+        """Make the proposed V the current one."""
+        copy_intervals(self.trial, self.current, move.first if self.work.shortcuts.changed else 0, self._last)
+        self._energy = self._tried
+
+    def reject(self, move: Change) -> None:
+        """Keep the current V: the trial is written anew by the next evaluation."""
+
+    def snapshot(self) -> Codes:
+        """The current V."""
+        return self.current.V.copy()
+
+    def grasp(self, j: int) -> Grasp:
+        """The grasp of configuration j under the current V."""
+        return grasp_of(self.model[0], self.found, self.current.at[j])
+
+    def trials(self, count: int, rng: np.random.Generator) -> Array:
+        """Make those of `count` random moves that don't rise; the rises of the others."""
+        rises = np.empty(count)
+        u = rng.random((count, self.draws))
+        self._energy, found = descend(*self.model, self.current, self.trial, u, self._energy, rises)
+        return rises[:found]
+
+    def moves(self, T: Array, best: Codes, best_energy: float, rng: np.random.Generator) -> tuple[float, Array, Array]:
+        """Metropolis moves at the temperatures T: (least energy, energies, least energies so far); best: in and out."""
+        energies, best_energies = np.empty(len(T)), np.empty(len(T))
+        u = rng.random((len(T), self.draws + 1))
+        self._energy, best_energy = metropolis(
+            *self.model, self.current, self.trial, u, T, self._energy, best_energy, best, energies, best_energies
+        )
+        return best_energy, energies, best_energies
+
+
+def anneal(
+    problem: ContactMotions,
+    settings: Settings,
+    rng: np.random.Generator,
+    stop: Callable[[AnnealingState[Codes]], bool] = lambda _: False,
+    elapsed: Callable[[], float] = lambda: 0.0,
+) -> Result[Codes]:
+    """`search.annealing.anneal` of contact motions, in compiled blocks: `stop` and `elapsed` are asked once a block."""
+    rises: list[Array] = []
+    for done in range(0, settings.trials if settings.acceptance > 0.0 else 0, BLOCK):
+        if elapsed() > 0.2:
+            break
+        rises.append(problem.trials(min(BLOCK, settings.trials - done), rng))
+    start = temperature_of(np.concatenate([np.empty(0), *rises]), settings.acceptance)
+    best, least = problem.snapshot(), problem.energy()
+    energies, best_energies = [np.array([least])], [np.array([least])]
+    done = 0
+    while done < settings.iterations and (passed := elapsed()) < 1.0:
+        if stop(AnnealingState(done, start, problem.energy(), least, best)):
+            break
+        block = range(done, min(done + BLOCK, settings.iterations))
+        T = np.array([temperature(settings, start, iteration, passed) for iteration in block])
+        least, *history = problem.moves(T, best, least, rng)
+        energies.append(history[0])
+        best_energies.append(history[1])
+        done = block.stop
+    return Result(best, least, start, np.concatenate(energies), np.concatenate(best_energies))

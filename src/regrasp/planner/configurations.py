@@ -1,0 +1,293 @@
+"""Where an agent can be at the ends of the intervals: configurations that are computed once on an arc and then kept.
+
+An agent's configuration at the end of an interval follows from the one at its start and the agent's contact motion alone;
+on a candidate of the scan, and at rest, it does not even depend on that. So the columns of V are ways through a forest of
+configurations, and a V is evaluated by looking up what is known and adding what is not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.chains import forward
+from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.surfaces import project, tangents
+from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.follow import follow
+from regrasp.planner.hand import Hand
+from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction
+from regrasp.planner.path import Path, pose_at
+from regrasp.planner.scan import BARRED, Scan, candidate_free
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.uint8]
+
+SIZE = 12288  # configurations that are kept; when they are used up all are forgotten and the current V's computed anew
+UNKNOWN = 255
+
+
+class Configurations(Record):
+    """Configurations c = 1 … used[0] − 1, of agents with up to n_max joints and g_max geoms; the first k are the start's.
+
+    q (N, n_max); holds (N,): in contact; p_OC, p_TC (N, 3), R_OT (N, 3, 3): the contact on the object and on the tip, the tip's
+    orientation; n_O (N, 3): the object's outward normal there; t_O (N, 2, 3): slip direction at start and end of the interval
+    that led here, if it slid; R_WG, p_WG (N, g_max, …): poses of the agent's geoms. lost (N,): the workspace condition broke on
+    the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
+
+    after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (k, n + 1, C): on candidate c in configuration
+    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object. R_WL, p_WL: room for one chain.
+    """
+
+    used: Ints
+    q: Array
+    holds: Flags
+    p_OC: Array
+    p_TC: Array
+    R_OT: Array
+    n_O: Array
+    t_O: Array
+    R_WG: Array
+    p_WG: Array
+    lost: Flags
+    own: Flags
+    after: Ints
+    standing: Ints
+    resting: Ints
+    R_WB: Array
+    p_WB: Array
+    R_WL: Array
+    p_WL: Array
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """Contacts and joints at one object pose.
+
+    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3).
+    """
+
+    q: Array
+    holds: Flags
+    p_OC: Array
+    p_TC: Array
+    R_OT: Array
+
+
+def bodies_along(hand: Hand, path: Path) -> tuple[Array, Array]:
+    """R_WB (n + 1, B, 3, 3), p_WB (n + 1, B, 3): the static bodies, then the object, at the ends of all intervals."""
+    n = len(path.R_WO)
+    static = slice(hand.geom_start[-1], hand.object_geom)
+    count = hand.object_geom - hand.geom_start[-1] + 1
+    R_WB, p_WB = np.empty((n + 1, count, 3, 3)), np.empty((n + 1, count, 3))
+    R_WB[:, :-1], p_WB[:, :-1] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    R_WO = np.concatenate([path.R_WO[:, 0], path.R_WO[-1:, -1]])
+    p_WO = np.concatenate([path.p_WO[:, 0], path.p_WO[-1:, -1]])
+    R_WB[:, -1] = R_WO @ hand.geoms.R_LG[hand.object_geom]
+    p_WB[:, -1] = R_WO @ hand.geoms.p_LG[hand.object_geom] + p_WO
+    return R_WB, p_WB
+
+
+def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Configurations:
+    """Nothing known but the start."""
+    k, n, N = len(hand.tip_geom), len(path.R_WO), SIZE
+    joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
+    R_WB, p_WB = bodies_along(hand, path)
+    found = Configurations(
+        used=np.array([k + 1]),
+        q=np.zeros((N, joints)),
+        holds=np.zeros(N, np.uint8),
+        p_OC=np.zeros((N, 3)),
+        p_TC=np.zeros((N, 3)),
+        R_OT=np.zeros((N, 3, 3)),
+        n_O=np.zeros((N, 3)),
+        t_O=np.zeros((N, 2, 3)),
+        R_WG=np.zeros((N, geoms, 3, 3)),
+        p_WG=np.zeros((N, geoms, 3)),
+        lost=np.zeros(N, np.uint8),
+        own=np.zeros(N, np.uint8),
+        after=np.zeros((N, MOTION_COUNT), np.int64),
+        standing=np.zeros((k, n + 1, len(scan.p_O)), np.int64),
+        resting=np.zeros((k, n + 1), np.int64),
+        R_WB=R_WB,
+        p_WB=p_WB,
+        R_WL=np.zeros((joints + 1, 3, 3)),
+        p_WL=np.zeros((joints + 1, 3)),
+    )
+    for i in range(k):
+        first, last = hand.chains.start[i], hand.chains.start[i + 1]
+        found.q[1 + i, : last - first] = start.q[first:last]
+        found.holds[1 + i] = start.holds[i]
+        found.p_OC[1 + i], found.p_TC[1 + i], found.R_OT[1 + i] = start.p_OC[i], start.p_TC[i], start.R_OT[i]
+        pose_bodies(hand, found, i, 1 + i)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def forget_configurations(found: Configurations, k: int) -> None:
+    """Nothing known but the start, as `new_configurations` leaves it."""
+    found.used[0] = k + 1
+    found.after[: k + 1] = 0
+    found.standing[:] = 0
+    found.resting[:] = 0
+
+
+@njit(cache=True, nogil=True)
+def add(found: Configurations) -> int:
+    """A new configuration, nothing known of it yet."""
+    c = found.used[0]
+    found.used[0] = c + 1
+    found.after[c] = 0
+    found.lost[c] = 0
+    found.own[c] = UNKNOWN
+    return c
+
+
+@njit(cache=True, nogil=True)
+def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
+    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of configuration c."""
+    foot = np.empty(3)
+    forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
+    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+    found.own[c] = UNKNOWN
+    if found.holds[c]:
+        project(hand.kind_O, hand.size_O, found.p_OC[c], foot, found.n_O[c])
+
+
+@njit(cache=True, nogil=True)
+def standing(hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float) -> int:
+    """Agent i on a candidate at the end of interval j − 1; 0 where it cannot stand there."""
+    c = found.standing[i, j, candidate]
+    if c > 0 or scan.status[i, j, candidate] == BARRED:
+        return c
+    if not candidate_free(hand, path, scan, found.R_WB[j], found.p_WB[j], j, i, candidate, clearance):
+        return 0
+    c = add(found)
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    R_WO, _ = pose_at(path, j)
+    found.q[c] = scan.q[i, j, candidate]
+    forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
+    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+    found.p_OC[c], found.n_O[c] = scan.p[i, j, candidate], scan.n[i, j, candidate]
+    multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
+    rotate_back(found.R_OT[c], found.n_O[c], found.p_TC[c])
+    for a in range(3):
+        found.p_TC[c, a] *= -hand.size_T[i, 0]
+    found.holds[c] = 1
+    found.standing[i, j, candidate] = c
+    return c
+
+
+@njit(cache=True, nogil=True)
+def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
+    """Agent i in its rest posture at the end of interval j − 1."""
+    c = found.resting[i, j]
+    if c == 0:
+        c = add(found)
+        first, last = hand.chains.start[i], hand.chains.start[i + 1]
+        found.q[c, : last - first] = hand.home[first:last]
+        found.holds[c] = 0
+        pose_bodies(hand, found, i, c)
+        found.resting[i, j] = c
+    return c
+
+
+@njit(cache=True, nogil=True)
+def follow_contact(hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int) -> int:
+    """Agent i in contact through interval j: contact motion, joint angles, bodies, normals at its end."""
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    x, y, foot = np.empty(3), np.empty(3), np.empty(3)
+    there = add(found)
+    found.holds[there] = 1
+    q, n, n_end = found.q[there], found.n_O[here], found.n_O[there]
+    for a in range(n_a):
+        q[a] = found.q[here, a]
+    for a in range(3):
+        found.p_OC[there, a], found.p_TC[there, a] = found.p_OC[here, a], found.p_TC[here, a]
+        for b in range(3):
+            found.R_OT[there, a, b] = found.R_OT[here, a, b]
+    tangents(n, x, y)
+    slides = is_sliding(code)
+    if slides:
+        slide_direction(code, x, y, found.t_O[there, 0])
+    fine = follow(
+        hand, path, command, j, i, found.p_OC[there], found.p_TC[there], found.R_OT[there], x, q[:n_a],
+        found.R_WL[: n_a + 1], found.p_WL[: n_a + 1],
+    )  # fmt: skip
+    found.lost[there] = 0 if fine else 1
+    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[there], found.p_WG[there])
+    project(hand.kind_O, hand.size_O, found.p_OC[there], foot, n_end)
+    if slides:
+        for a in range(3):
+            y[a] = n_end[(a + 1) % 3] * x[(a + 2) % 3] - n_end[(a + 2) % 3] * x[(a + 1) % 3]
+        slide_direction(code, x, y, found.t_O[there, 1])
+    return there
+
+
+@njit(cache=True, nogil=True)
+def keep_still(found: Configurations, here: int) -> int:
+    """An agent that is off the object stays where it is."""
+    there = add(found)
+    found.q[there] = found.q[here]
+    found.holds[there] = 0
+    found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
+    return there
+
+
+@njit(cache=True, nogil=True)
+def onward(
+    hand: Hand, path: Path, scan: Scan, commands: Array, clearance: float, found: Configurations, j: int, i: int,
+    here: int, code: int, known: bool,
+) -> tuple[int, bool]:  # fmt: skip
+    """(configuration of agent i at the end of interval j, whether it had to stay behind), from `here` by a contact motion.
+
+    An agent stays behind where it cannot stand on the candidate that it should relocate to. Off the object every contact
+    motion means to stay off. known: take what has been computed before.
+    """
+    behind = False
+    if code >= ONTO:
+        there = standing(hand, path, scan, found, j + 1, i, code - ONTO, clearance)
+        if there > 0:
+            return there, False
+        code, behind = np.int64(STAY), True
+    elif code == OFF and found.holds[here]:
+        return resting(hand, found, j + 1, i), False
+    if not found.holds[here]:
+        code = np.int64(OFF)
+    there = found.after[here, code]
+    if there == 0 or not known:
+        if found.holds[here]:
+            there = follow_contact(hand, path, commands[code], found, j, i, here, code)
+        else:
+            there = keep_still(found, here)
+        found.after[here, code] = there
+    return there, behind
+
+
+@njit(cache=True, nogil=True)
+def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
+    """How many blocks of agent i's own bodies collide in its configuration c at the end of interval j − 1."""
+    if found.own[c] == UNKNOWN:
+        k, last = len(hand.tip_geom), found.R_WB.shape[1] - 1
+        R_G, p_G, R_B, p_B = found.R_WG[c], found.p_WG[c], found.R_WB[j], found.p_WB[j]
+        count = 0
+        if hits(hand, i, i, R_G, p_G, R_G, p_G, 0.0):
+            count += 1
+        if hits(hand, i, k, R_G, p_G, R_B, p_B, clearance):
+            count += 1
+        if hits(hand, i, k + 1, R_G, p_G, R_B[last:], p_B[last:], clearance) or (
+            not found.holds[c] and tip_hits(hand, i, R_G, p_G, R_B[last], p_B[last], clearance)
+        ):
+            count += 1
+        found.own[c] = count
+    return found.own[c]
+
+
+def grasp_of(hand: Hand, found: Configurations, at: Ints) -> Grasp:
+    """The grasp of the agents' configurations at (k,)."""
+    joints = np.diff(hand.chains.start)
+    q = np.concatenate([found.q[c, :n_a] for c, n_a in zip(at, joints, strict=True)])
+    return Grasp(q, found.holds[at], found.p_OC[at], found.p_TC[at], found.R_OT[at])

@@ -1,0 +1,210 @@
+"""The free motion of a relocation (paper §3): off the object, over it and down again, clear of everything on the way."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.chains import forward
+from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.surfaces import project
+from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
+from regrasp.planner.configurations import Configurations
+from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
+from regrasp.planner.hand import Hand
+from regrasp.planner.path import Path
+from regrasp.planner.scan import tool_direction, touch_down
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
+
+
+@njit(cache=True, nogil=True)
+def lift_height(m: int, s: int, high: float) -> float:
+    """Height after s of the m // 4 steps of a lift: quadratic, so that the tip leaves and meets the surface at rest."""
+    part = s / (m // 4)
+    return high * part * part
+
+
+@njit(cache=True, nogil=True)
+def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
+    """A point p of the object with its normal n to pass over on the way from surface point a to b (O).
+
+    Half-way between a and b; for opposite points, whose middle has no side, the side is that of a fixed direction.
+    """
+    middle = 0.5 * (a + b)
+    if np.sum(middle * middle) < 0.04 * np.sum(a * a):
+        d = np.array([0.0, 0.0, 1.0]) if abs(a[2]) < 0.8 * np.sqrt(np.sum(a * a)) else np.array([1.0, 0.0, 0.0])
+        middle = d * np.sqrt(np.sum(a * a))
+    else:
+        middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
+    project(hand.kind_O, hand.size_O, middle, p, n)
+
+
+@njit(cache=True, nogil=True)
+def hover(
+    hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, R_OT: Array, a_O: Array,
+    q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """Joint angles q (in: seed) that put agent i's tip over the point p_O as it stood there, `height` above the surface.
+
+    A six-joint agent keeps its tip's orientation R_OT, one of fewer its tool's direction a_O as well as it can.
+    """
+    if not is_full(hand, i):
+        return touch_down(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
+    R_WT, p_WT, p_TC, p = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    rotate_back(R_OT, n_O, p_TC)
+    for x in range(3):
+        p_TC[x] *= -hand.size_T[i, 0]
+        p[x] = p_O[x] + height * n_O[x]
+    tip_target(R_WO, p_WO, p, p_TC, R_OT, R_WT, p_WT)
+    return reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) < REACHED
+
+
+@njit(cache=True, nogil=True)
+def raise_tip(
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, first: int, step: int, high: float, q: Array
+) -> bool:
+    """The quarter of the way next to a contact: rows first + step, first + 2 step, … of q (m + 1, n_a), from row `first`.
+
+    here: the configuration in contact. The tip rises along the normal (step 1), or comes down on it (step −1, from the end).
+    """
+    m = path.R_WO.shape[1] - 1
+    n_a = q.shape[1]
+    R_WL, p_WL, a_O, R_OT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(3), np.empty((3, 3))
+    forward(hand.chains, i, q[first], R_WL, p_WL)
+    tool_direction(hand, i, path.R_WO[j, first], R_WL, a_O)
+    multiply_back(path.R_WO[j, first], R_WL[n_a], R_OT)
+    s = first
+    for count in range(1, m // 4 + 1):
+        s += step
+        q[s] = q[s - step]
+        if not hover(
+            hand, i, path.R_WO[j, s], path.p_WO[j, s], found.p_OC[here], found.n_O[here], lift_height(m, count, high),
+            R_OT, a_O, q[s], R_WL, p_WL,
+        ):  # fmt: skip
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def travel(
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, there: int, way: int, high: float, q: Array
+) -> bool:
+    """Rows m // 4 … m − m // 4 of q (m + 1, n_a): in joint space from the one lift to the other, by the way point.
+
+    Returns whether there is a way point and all stay within the joint limits.
+    """
+    m, n_a = path.R_WO.shape[1] - 1, q.shape[1]
+    lifts, lands = found.holds[here] == 1, found.holds[there] == 1
+    first = hand.chains.start[i]
+    start, end = m // 4 if lifts else 0, m - m // 4 if lands else m
+    middle = np.empty(n_a)
+    for a in range(n_a):
+        middle[a] = hand.home[first + a] if way == WAYS - 1 else 0.5 * (q[start, a] + q[end, a])
+    if 0 < way < WAYS - 1:
+        if not (lifts and lands):
+            return False
+        p, n = np.empty(3), np.empty(3)
+        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+        way_point(hand, found.p_OC[here], found.p_OC[there], p, n)
+        if not touch_down(
+            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, -n, middle, R_WL, p_WL
+        ):
+            return False
+    for s in range(start + 1, end):
+        u = (s - start) / (end - start)
+        u = u * u * (3.0 - 2.0 * u)
+        # The parabola through both ends and the middle.
+        for a in range(n_a):
+            q[s, a] = (
+                (1.0 - u) * (1.0 - 2.0 * u) * q[start, a]
+                + 4.0 * u * (1.0 - u) * middle[a]
+                + u * (2.0 * u - 1.0) * q[end, a]
+            )
+            if q[s, a] < hand.chains.lower[first + a] or q[s, a] > hand.chains.upper[first + a]:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p: Array, count: int) -> None:
+    """Poses of bodies at part u between two configurations, straight in every entry.
+
+    For the few degrees of an interval this is off by less than 1e-3 of a body's size, which the clearance covers.
+    """
+    for g in range(count):
+        for a in range(3):
+            p[g, a] = (1.0 - u) * A_p[g, a] + u * B_p[g, a]
+            for b in range(3):
+                R[g, a, b] = (1.0 - u) * A_R[g, a, b] + u * B_R[g, a, b]
+
+
+@njit(cache=True, nogil=True)
+def way_clear(
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
+    q: Array,
+) -> bool:  # fmt: skip
+    """Whether agent i with joints q (m + 1, n_a) in interval j is clear of all others as they move from `at` to `to`.
+
+    Looked at at every sample and half-way between samples.
+    """
+    m, k, n_a = path.R_WO.shape[1] - 1, len(hand.tip_geom), q.shape[1]
+    rise = m // 4
+    lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
+    geoms, last = found.p_WG.shape[1], found.p_WB.shape[1] - 1
+    R_WL, p_WL, here = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(n_a)
+    R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
+    R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
+    R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
+    R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
+    for half in range(1, 2 * m):
+        s, u = half // 2, 0.5 * half / m
+        for a in range(n_a):
+            here[a] = q[s, a] if half % 2 == 0 else 0.5 * (q[s, a] + q[s + 1, a])
+        forward(hand.chains, i, here, R_WL, p_WL)
+        place_agent(hand, i, R_WL, p_WL, R_G, p_G)
+        blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], 1)
+        if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
+            return False
+        rising = (lifts and half <= 2 * rise) or (lands and half >= 2 * (m - rise))
+        if not rising and tip_hits(hand, i, R_G, p_G, R_B[last], p_B[last], 0.25 * high):
+            return False
+        for b in range(k):
+            if b == i:
+                continue
+            blend(
+                found.R_WG[at[b]], found.p_WG[at[b]], found.R_WG[to[b]], found.p_WG[to[b]], u, R_C, p_C,
+                hand.geom_start[b + 1] - hand.geom_start[b],
+            )  # fmt: skip
+            if (b > i and hits(hand, i, b, R_G, p_G, R_C, p_C, clearance)) or (
+                b < i and hits(hand, b, i, R_C, p_C, R_G, p_G, clearance)
+            ):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def free_motion(
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
+    q: Array,
+) -> int:  # fmt: skip
+    """Agent i's whole way through interval j off the object, q (m + 1, n_a) out: the first way that is clear, or −1.
+
+    at, to (k,): all agents' configurations at its two ends. The tip lifts off along the normal from its contact (or starts at
+    rest), travels in joint space, by a way point if way > 0, and touches down on its new contact (or comes to rest).
+    """
+    m, n_a = path.R_WO.shape[1] - 1, q.shape[1]
+    here, there = at[i], to[i]
+    for a in range(n_a):
+        q[0, a], q[m, a] = found.q[here, a], found.q[there, a]
+    if found.holds[here] and not raise_tip(hand, path, found, j, i, here, np.int64(0), np.int64(1), high, q):
+        return -1
+    if found.holds[there] and not raise_tip(hand, path, found, j, i, there, m, np.int64(-1), high, q):
+        return -1
+    for way in range(WAYS):
+        if travel(hand, path, found, j, i, here, there, np.int64(way), high, q) and way_clear(
+            hand, path, found, j, i, at, to, high, clearance, q
+        ):
+            return way
+    return -1

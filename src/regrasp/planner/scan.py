@@ -1,0 +1,234 @@
+"""The scan of the object's surface for contacts (paper §3): where an agent can stand, and for how long it could stay there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.chains import forward
+from regrasp.kernels.inverse import inverse_point
+from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
+from regrasp.kernels.sampling import sample
+from regrasp.kernels.surfaces import project
+from regrasp.planner.collision import place_agent, stands_clear
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
+from regrasp.planner.hand import Hand
+from regrasp.planner.path import Path, pose_at
+
+Array = NDArray[np.float64]
+UNKNOWN, FREE, BARRED = 0, 1, 2
+NEARER = 6  # steps towards a point of the surface that a short chain can touch
+LOOKS = 4  # poses on the coming way at which a candidate is tried
+
+
+@dataclass(frozen=True)
+class Relocation:
+    """How relocations are scanned and travelled.
+
+    candidates: points of the object's surface that are scanned. lift: height a tip rises above the surface, in parts of
+    the object's radius. sample: candidates that one proposal compares. outlook: weight of losing reach on the coming way
+    and of agents that cannot be relocated next, against the sum of forces in weights.
+    """
+
+    candidates: int = 120
+    lift: float = 0.35
+    sample: int = 8
+    outlook: float = 3.0
+
+
+class Scan(Record):
+    """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
+
+    Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction
+    at rest. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
+    or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
+    of the coming way on which the contact can be kept, −1 unknown.
+    """
+
+    p_O: Array
+    n_O: Array
+    status: NDArray[np.int8]
+    p: Array
+    n: Array
+    q: Array
+    kept: Array
+
+
+def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
+    """The candidates on a near-uniform sampling of the object's surface, nothing known of them yet."""
+    p_O, n_O = sample(hand.kind_O, hand.size_O, settings.candidates)
+    k, n = len(hand.tip_geom), len(path.R_WO)
+    joints = int(np.max(np.diff(hand.chains.start)))
+    shape = (k, n + 1, 2 * len(p_O))
+    return Scan(
+        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
+        np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def touch_down(
+    hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
+    q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """Joint angles q (in: seed) that put agent i's spherical tip over the point p_O, `height` above the surface.
+
+    The tip points along a_O (O) as well as it can. Returns whether the position is reached.
+    """
+    p, a = np.empty(3), np.empty(3)
+    r = hand.size_T[i, 0] + height
+    for x in range(3):
+        p[x] = p_O[x] + r * n_O[x]
+    rotate(R_WO, p, p)
+    for x in range(3):
+        p[x] += p_WO[x]
+    rotate(R_WO, a_O, a)
+    residual, _ = inverse_point(hand.chains, i, p, hand.axis_T[i], a, q, R_WL, p_WL)
+    return residual < REACHED
+
+
+@njit(cache=True, nogil=True)
+def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> None:
+    """a_O = where the tip points, in O."""
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    rotate(R_WL[n_a], hand.axis_T[i], a_O)
+    rotate_back(R_WO, a_O, a_O)
+
+
+@njit(cache=True, nogil=True)
+def candidate_free(
+    hand: Hand, path: Path, scan: Scan, R_B: Array, p_B: Array, j: int, i: int, c: int, clearance: float
+) -> bool:
+    """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered.
+
+    R_B, p_B: poses of the static bodies, then the object, in configuration j.
+    """
+    known = scan.status[i, j, c]
+    if known != UNKNOWN:
+        return known == FREE
+    scan.status[i, j, c] = BARRED
+    R_WO, p_WO = pose_at(path, j)
+    first, last = hand.chains.start[i], hand.chains.start[i + 1]
+    p = np.empty(3)
+    rotate(R_WO, scan.p_O[c], p)
+    far = 0.0
+    for x in range(3):
+        p[x] += p_WO[x]
+        far += (p[x] - hand.chains.p_WB[i, x]) ** 2
+    if far > hand.reach[i] ** 2:
+        return False
+    q = hand.home[first:last].copy()
+    R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
+    a_O = -scan.n_O[c]
+    if 2 * c >= len(scan.p_O):
+        forward(hand.chains, i, q, R_WL, p_WL)
+        tool_direction(hand, i, R_WO, R_WL, p)
+        for x in range(3):
+            a_O[x] += p[x]
+        length = np.sqrt(np.sum(a_O * a_O))
+        if length < 0.5:
+            return False
+        a_O /= length
+    point, normal = scan.p[i, j, c], scan.n[i, j, c]
+    point[:], normal[:] = scan.p_O[c], scan.n_O[c]
+    reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not is_full(hand, i):
+        # A planar finger reaches a curve of the surface only: go on to the point under where its tip got to.
+        for _ in range(NEARER):
+            if reached:
+                break
+            for x in range(3):
+                p[x] = p_WL[last - first, x] - p_WO[x]
+            rotate_back(R_WO, p, p)
+            project(hand.kind_O, hand.size_O, p, point, normal)
+            reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
+    if not reached or not is_agile(hand, i, R_WL, p_WL):
+        return False
+    geoms = hand.geom_start[i + 1] - hand.geom_start[i]
+    R_WG, p_WG = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
+    place_agent(hand, i, R_WL, p_WL, R_WG, p_WG)
+    if not stands_clear(hand, i, R_WG, p_WG, R_B, p_B, clearance):
+        return False
+    scan.status[i, j, c] = FREE
+    scan.q[i, j, c, : last - first] = q
+    return True
+
+
+@njit(cache=True, nogil=True)
+def look_ahead(n: int, j: int, look: int) -> int:
+    """Configuration of look 1 … LOOKS on the way from configuration j to n."""
+    return j + (look * (n - j) + LOOKS - 1) // LOOKS
+
+
+@njit(cache=True, nogil=True)
+def hold_on(hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, q: Array) -> int:
+    """How many looks ahead from configuration j agent i can keep a contact without moving it.
+
+    q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out. An agent of fewer than six joints keeps the
+    point only; its tip turns as it must.
+    """
+    n = path.R_WO.shape[0]
+    n_a = q.shape[1]
+    R_WL, p_WL, R_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty((3, 3))
+    p_WT, a = np.empty(3), np.empty(3)
+    for look in range(1, LOOKS + 1):
+        R_WO, p_WO = pose_at(path, look_ahead(n, j, look))
+        tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
+        q[look] = q[look - 1]
+        if is_full(hand, i):
+            residual = reach_pose(hand, i, R_WT, p_WT, q[look], R_WL, p_WL)
+        else:
+            rotate(R_WT, hand.axis_T[i], a)
+            residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a, q[look], R_WL, p_WL)
+        intervals = max(1, look_ahead(n, j, look) - look_ahead(n, j, look - 1))
+        if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * intervals:
+            return look - 1
+    return LOOKS
+
+
+@njit(cache=True, nogil=True)
+def outlook_of(
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, j: int, i: int, c: int, clearance: float
+) -> float:
+    """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
+
+    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object. Remembered.
+    """
+    n = path.R_WO.shape[0]
+    if scan.kept[i, j, c] >= 0.0:
+        return scan.kept[i, j, c]
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    q = np.zeros((LOOKS + 1, n_a))
+    q[0] = scan.q[i, j, c, :n_a]
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    geoms = hand.geom_start[i + 1] - hand.geom_start[i]
+    R_WG, p_WG = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
+    p_TC, R_OT = np.empty(3), np.empty((3, 3))
+    touch(hand, path, scan, j, i, c, p_TC, R_OT)
+    kept = 0 if j < n else LOOKS
+    if j < n:
+        reached = hold_on(hand, path, j, i, scan.p[i, j, c], p_TC, R_OT, q)
+        while kept < reached:
+            forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
+            place_agent(hand, i, R_WL, p_WL, R_WG, p_WG)
+            ahead = look_ahead(n, j, kept + 1)
+            if not stands_clear(hand, i, R_WG, p_WG, R_WB[ahead], p_WB[ahead], clearance):
+                break
+            kept += 1
+    scan.kept[i, j, c] = kept / LOOKS
+    return kept / LOOKS
+
+
+@njit(cache=True, nogil=True)
+def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
+    """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
+    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    R_WO, _ = pose_at(path, j)
+    forward(hand.chains, i, scan.q[i, j, c, :n_a], R_WL, p_WL)
+    multiply_back(R_WO, R_WL[n_a], R_OT)
+    rotate_back(R_OT, scan.n[i, j, c], p_TC)
+    for a in range(3):
+        p_TC[a] *= -hand.size_T[i, 0]
