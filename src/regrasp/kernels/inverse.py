@@ -146,7 +146,7 @@ def inverse(chains: Chains, a: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Ar
 
 
 @njit(cache=True, nogil=True)
-def _turn(R: Array, axis_T: Array, axis_W: Array, d: Array, e: Array) -> float:
+def turn_towards(R: Array, axis_T: Array, axis_W: Array, d: Array, e: Array) -> float:
     """d = R axis_T, e = the shortest rotation vector that brings d onto axis_W; returns its angle in [0, π]."""
     rotate(R, axis_T, d)
     e[0], e[1], e[2] = cross(d, axis_W)
@@ -214,7 +214,7 @@ def inverse_point(
     J, W, S, V = np.empty((6, n)), np.empty((13, max(n, 3))), np.empty((2, n)), np.zeros((3, 3))
     step, best, d, e, still = S[0], S[1], V[0], V[1], V[2]
     residual, _ = _converge(chains, a, R_WL[n], p_WT, 3, q, R_WL, p_WL, J)
-    angle = _turn(R_WL[n], axis_T, axis_W, d, e)
+    angle = turn_towards(R_WL[n], axis_T, axis_W, d, e)
     damping = 0.0
     for _ in range(ITERATIONS):
         if residual > TOLERANCE or angle < ANGLE:
@@ -235,7 +235,7 @@ def inverse_point(
             best[i] = q[i]
             q[i] += share * step[i]
         residual_new, _ = _converge(chains, a, R_WL[n], p_WT, 3, q, R_WL, p_WL, J)
-        angle_new = _turn(R_WL[n], axis_T, axis_W, d, e)
+        angle_new = turn_towards(R_WL[n], axis_T, axis_W, d, e)
         if residual_new < TOLERANCE and angle_new < angle:
             gain = angle - angle_new
             residual, angle = residual_new, angle_new
@@ -245,6 +245,6 @@ def inverse_point(
         else:
             q[:] = best
             forward(chains, a, q, R_WL, p_WL)
-            _turn(R_WL[n], axis_T, axis_W, d, e)
+            turn_towards(R_WL[n], axis_T, axis_W, d, e)
             damping = max(4.0 * damping, 0.03)
     return residual, angle

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from regrasp.planner.configurations import Configurations, Grasp, grasp_of, new_configurations
 from regrasp.planner.energy import Shortcuts, Terms, Work, evaluate, make_room, new_work
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, whole
+from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import Scan
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 DRAWS = 8  # random numbers of a move, beside those of the candidates that it compares
+MOVE = 0.1  # part of the moves that choose a relocation's candidate anew, at most SHIFT intervals earlier or later
+SHIFT = 3
 CARRY = 0.3  # part of the moves that carry the motion of a neighbouring interval on
 RUN = 0.7  # part of the others that reach over a run of intervals
 BLOCK = 100  # moves between two looks at the clock
@@ -43,8 +45,27 @@ def propose(
     for j in range(n):
         for a in range(k):
             new.V[j, a] = cur.V[j, a]
+    if u[2] < MOVE:
+        count = 0
+        for j in range(n):
+            for a in range(k):
+                count += cur.V[j, a] >= ONTO
+        if count > 0:
+            left = whole(u[0] * count)
+            for e in range(n * k):
+                j, i = e // k, e % k
+                if cur.V[j, i] < ONTO:
+                    continue
+                if left == 0:
+                    break
+                left -= 1
+            to = min(max(whole(j - SHIFT + u[1] * (2 * SHIFT + 1)), 0), n - 1)
+            around = cur.V[j - 1 if j > 0 and (u[3] < 0.5 or j == n - 1) else min(j + 1, n - 1), i]
+            new.V[j, i] = around if around < ONTO else STAY
+            new.V[to, i] = ONTO + choose(hand, path, scan, terms, found, work, cur, to, i, u[DRAWS:])
+            return i, min(j, to), max(j, to)
     i, first = whole(u[0] * k), whole(u[1] * n)
-    if u[2] < CARRY:
+    if u[2] < MOVE + CARRY:
         # Moves the time of a change without a new one.
         final = min(n - 1, first + whole(u[4] * 3))
         source = first - 1 if u[3] < 0.5 else final + 1

@@ -12,6 +12,7 @@ from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
 from regrasp.kernels.surfaces import project, tangents
+from regrasp.kernels.wrist import NONE, solve_near
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
@@ -59,6 +60,8 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
         return True
     J, qd = np.empty((6, n_a)), np.empty(n_a)
     jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J)
+    if n_a == 6:
+        return turns_little(J, hand.radius)
     v, w, got = np.zeros(3), np.zeros(3), np.empty(3)
     for a in range(3):
         v[a] = hand.radius
@@ -74,11 +77,49 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> float:
-    """Joint angles q (in: seed, on whose branch they stay) of a six-joint agent whose tip is at X_WT; returns what is left.
+def turns_little(J: Array, radius: float) -> bool:
+    """Whether no entry of J⁻¹ (6, 6), its first three columns times the radius, is larger than AGILE; J is destroyed."""
+    X = np.zeros((6, 6))
+    for a in range(6):
+        X[a, a] = radius if a < 3 else 1.0
+    for a in range(6):
+        row = a
+        for b in range(a + 1, 6):
+            if abs(J[b, a]) > abs(J[row, a]):
+                row = b
+        if abs(J[row, a]) < 1e-9:
+            return False
+        for c in range(6):
+            J[a, c], J[row, c] = J[row, c], J[a, c]
+            X[a, c], X[row, c] = X[row, c], X[a, c]
+        s = 1.0 / J[a, a]
+        for c in range(6):
+            J[a, c] *= s
+            X[a, c] *= s
+        for b in range(6):
+            if b != a:
+                t = J[b, a]
+                for c in range(6):
+                    J[b, c] -= t * J[a, c]
+                    X[b, c] -= t * X[a, c]
+    for a in range(6):
+        for c in range(6):
+            if abs(X[a, c]) > AGILE:
+                return False
+    return True
 
+
+@njit(cache=True, nogil=True)
+def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> float:
+    """Joint angles q (in: seed, near which they stay) of a six-joint agent whose tip is at X_WT; returns what is left of it.
+
+    In closed form where the arm has one; q is as it was where that has no solution within the limits, and inf is returned.
     Link frames are those of q, whether the pose is reached or not.
     """
+    if hand.wrists.kind[i] != NONE:
+        reached = solve_near(hand.chains, hand.wrists, i, R_WT, p_WT, q)
+        forward(hand.chains, i, q, R_WL, p_WL)
+        return 0.0 if reached else np.inf
     residual, _ = inverse(hand.chains, i, R_WT, p_WT, q, R_WL, p_WL)
     return residual
 
@@ -92,8 +133,12 @@ def reach_tip(
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
     tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     before = q.copy()
-    residual = reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL)
-    return residual < REACHED and np.max(np.abs(q - before)) < JUMP
+    if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
+        return False
+    furthest = 0.0
+    for a in range(len(q)):
+        furthest = max(furthest, abs(q[a] - before[a]))
+    return furthest < JUMP
 
 
 @njit(cache=True, nogil=True)

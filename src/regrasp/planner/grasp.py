@@ -83,7 +83,14 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             q = hand.home[first:last].copy()
             project(hand.kind_O, hand.size_O, np.array(contact.point, float), foot, n)
             direction = -n
-        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, q, R_WL, p_WL):
+        # An arm in closed form points its tool exactly; where it can't against the normal, nearer to its direction at rest.
+        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
+        rest = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
+        tilts = [direction + tilt * rest for tilt in (0.0, 0.5, 1.0, 2.0)]
+        if not any(
+            touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, tilt / (np.linalg.norm(tilt) or 1.0), q, R_WL, p_WL)
+            for tilt in tilts
+        ):
             return Failure(
                 "reach", "start.grasp", contact.agent, f"cannot reach the contact at {np.round(foot, 4).tolist()}",
                 "a point nearer to the agent's base, or a larger hand",

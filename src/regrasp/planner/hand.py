@@ -15,6 +15,7 @@ from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
 from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
+from regrasp.kernels.wrist import Wrists, wrists_of
 from regrasp.planner.arrays import chains_from, geoms_from
 from regrasp.scene.schema import FREEDOMS
 from regrasp.scene.world import World
@@ -28,7 +29,7 @@ RANGE_MARGIN = 0.015  # rad or m that plans keep from the joint limits
 class Hand(Record):
     """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
 
-    chains: the agents' serial chains; geoms: every body, agents first, then static, the object last.
+    chains: the agents' serial chains; wrists: their inverse kinematics in closed form, where there is one; geoms: every body, agents first, then static, the object last.
     geom_start (k + 1,): geoms of agent i are geom_start[i] … geom_start[i + 1] − 1.
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
@@ -42,6 +43,7 @@ class Hand(Record):
     """
 
     chains: Chains
+    wrists: Wrists
     geoms: Geoms
     geom_start: Ints
     pairs: Ints
@@ -101,6 +103,7 @@ def hand_of(world: World) -> Hand:
     free = plane or FREEDOMS
     return Hand(
         chains=chains,
+        wrists=wrists_of(chains),
         geoms=geoms,
         geom_start=starts.astype(np.int64),
         pairs=pairs,

@@ -7,11 +7,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.inverse import inverse_point
+from regrasp.kernels.inverse import inverse_point, turn_towards
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import exp, multiply, multiply_back, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.surfaces import project
+from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
@@ -20,6 +21,7 @@ from regrasp.planner.path import Path, pose_at
 Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
 NEARER = 6  # steps towards a point of the surface that a short chain can touch
+SPINS = 6  # orientations about the tool's axis that an arm tries
 LOOKS = 4  # poses on the coming way at which a candidate is tried
 
 
@@ -69,14 +71,59 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
 
 
 @njit(cache=True, nogil=True)
+def aim(
+    hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
+    q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """`touch_down` of an arm in closed form, the tip pointing along a_O exactly: of all solutions the nearest to the seed.
+
+    The tip turns from the seed's orientation by the shortest way, or where no solution is within the limits, then about a_O in
+    SPINS steps. Returns whether there is one.
+    """
+    Q, d, a, p, w = np.empty((8, 6)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    E, R, R_WT = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    r = hand.size_T[i, 0] + height
+    for x in range(3):
+        p[x] = p_O[x] + r * n_O[x]
+    rotate(R_WO, p, p)
+    for x in range(3):
+        p[x] += p_WO[x]
+    rotate(R_WO, a_O, a)
+    forward(hand.chains, i, q, R_WL, p_WL)
+    turn_towards(R_WL[6], hand.axis_T[i], a, d, w)
+    exp(w, E)
+    multiply(E, R_WL[6], R)
+    for spin in range(SPINS):
+        for x in range(3):
+            w[x] = 2.0 * np.pi / SPINS * spin * a[x]
+        exp(w, E)
+        multiply(E, R, R_WT)
+        best, least = -1, np.inf
+        for s in range(solve_all(hand.chains, hand.wrists, i, R_WT, p, Q)):
+            far = 0.0
+            for x in range(6):
+                far = max(far, abs(Q[s, x] - q[x]))
+            if far < least:
+                best, least = s, far
+        if best >= 0:
+            q[:] = Q[best]
+            forward(hand.chains, i, q, R_WL, p_WL)
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def touch_down(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
     """Joint angles q (in: seed) that put agent i's spherical tip over the point p_O, `height` above the surface.
 
-    The tip points along a_O (O) as well as it can. Returns whether the position is reached.
+    The tip points along a_O (O), exactly where the arm has a closed form, else as well as it can. Returns whether the position
+    is reached.
     """
+    if hand.wrists.kind[i] != NONE:
+        return aim(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
     p, a = np.empty(3), np.empty(3)
     r = hand.size_T[i, 0] + height
     for x in range(3):
