@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from regrasp import __version__
 from regrasp.plan import Plan
@@ -22,6 +21,7 @@ from regrasp.planner.path import Pose
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support
 from regrasp.planner.timing import Timing, durations
+from regrasp.planner.turns import quaternion
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Segment:
 
 def quaternions(R: Array) -> Array:
     """Unit quaternions w x y z of rotations (…, 3, 3), each in the half space of the one before it."""
-    q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    q = quaternion(R.reshape(-1, 3, 3))
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
     q[1:] *= flips[:, None]
     return np.asarray(q.reshape(*R.shape[:-2], 4))
@@ -48,7 +48,7 @@ def quaternions(R: Array) -> Array:
 
 def pose_row(pose: Pose) -> Array:
     """Position and quaternion of a pose, (7,)."""
-    return np.concatenate([pose[1], Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)])
+    return np.concatenate([pose[1], quaternion(pose[0])])
 
 
 def assemble(
