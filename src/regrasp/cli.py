@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Optional
 
 from regrasp import __version__
 from regrasp.errors import InputError, RegraspError
@@ -31,6 +31,8 @@ Answer = tuple[int, dict[str, Any]]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    # Nothing here is drawn with OpenGL, which MuJoCo would otherwise look for as long as it takes to load MuJoCo.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     as_json = "--json" in arguments
     arguments = [a for a in arguments if a != "--json"]
     try:
@@ -122,9 +124,14 @@ def _plan(arguments: list[str]) -> Answer:
         output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="PLAN")],
         planner: Settings,
         seed: int = 0,
-        iterations: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: planner's)")] = None,
+        # tyro checks the default of an `int | None`, but not that of an Optional, with a library slow to import.
+        iterations: Annotated[
+            Optional[int],  # noqa: UP045
+            tyro.conf.arg(metavar="N", help_behavior_hint="(default: planner's)"),
+        ] = None,
         time_limit: Annotated[
-            float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: planner's)")
+            Optional[float],  # noqa: UP045
+            tyro.conf.arg(metavar="S", help_behavior_hint="(default: planner's)"),
         ] = None,
     ) -> tuple[str, Path, int, Settings]:
         """Read the command line.
@@ -147,10 +154,11 @@ def _plan(arguments: list[str]) -> Answer:
         return _parse(request, "plan", arguments)
 
     # The scene file's settings are the defaults of the flags, so its name is read first.
-    name, output, _, _ = parse(Settings())
+    name, output, seed, settings = parse(Settings())
     _writable(output)
     scene = load(name)
-    _, _, seed, settings = parse(read(Settings, scene.planner))
+    if scene.planner:
+        _, _, seed, settings = parse(read(Settings, scene.planner))
     from regrasp.view.progress import Reporter
 
     started = time.perf_counter()
