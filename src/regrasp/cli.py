@@ -7,13 +7,14 @@ input, told in one line; 130 interrupted. Heavy libraries are imported by the co
 import contextlib
 import dataclasses
 import difflib
+import gc
 import importlib
 import io
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Optional
 
@@ -98,6 +99,17 @@ def _parse(command: Callable[..., Any], name: str, arguments: list[str]) -> Any:
     raise InputError(f"regrasp {name}", *_complaint(complaint.getvalue(), name)) from None
 
 
+@contextlib.contextmanager
+def _importing() -> Iterator[None]:
+    """A context for imports: garbage is not looked for among them, then or later, as modules hold none."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def _complaint(text: str, name: str) -> tuple[str, str]:
     """Reason and hint from tyro's box of text."""
     lines = [line.strip("│╭╮╰╯ ") for line in text.splitlines()]
@@ -113,11 +125,13 @@ def _complaint(text: str, name: str) -> tuple[str, str]:
 
 
 def _plan(arguments: list[str]) -> Answer:
-    import tyro
+    with _importing():
+        import tyro
 
-    from regrasp.planner.method import Settings, plan_scene
-    from regrasp.scene.load import load
-    from regrasp.settings import read
+        from regrasp.planner.method import Settings, plan_scene
+        from regrasp.scene.load import load
+        from regrasp.settings import read
+        from regrasp.view.progress import Reporter
 
     def request(
         scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")],
@@ -159,8 +173,6 @@ def _plan(arguments: list[str]) -> Answer:
     scene = load(name)
     if scene.planner:
         _, _, seed, settings = parse(read(Settings, scene.planner))
-    from regrasp.view.progress import Reporter
-
     started = time.perf_counter()
     with Reporter() as report:
         outcome = plan_scene(scene, seed, settings, report)

@@ -1,11 +1,13 @@
 """From motions to a plan: arcs joined, hand-overs, forces and times laid on, all that a reader needs put beside it."""
 
 import dataclasses
-import importlib.metadata
 import platform
 from dataclasses import dataclass
 from typing import Any
 
+import clarabel
+import mujoco
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -118,9 +120,8 @@ def remarks(contacts: Contacts, f: Array, margins: Margins, names: tuple[str, ..
 
 def versions() -> dict[str, str]:
     """Versions of what made a plan."""
-    names = ("clarabel", "mujoco", "numba", "numpy", "scipy")
     return {
         "regrasp": __version__,
         "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in names},
+        **{module.__name__: module.__version__ for module in (clarabel, mujoco, numba, np)},
     }
