@@ -95,11 +95,26 @@ def scene_file(directory: Path, planner: str) -> Path:
 def test_help_and_version_load_no_library():
     code = (
         "import sys; from regrasp.cli import main; main(['--help']); main(['--version']);"
-        "print([m for m in ('numpy', 'numba', 'mujoco', 'scipy', 'pydantic', 'tyro', 'rich') if m in sys.modules])"
+        "heavy = 'numpy', 'numba', 'mujoco', 'scipy', 'pydantic', 'tyro', 'rich', 'matplotlib', 'clarabel', 'yaml', 'PIL';"
+        "print([m for m in heavy if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
     assert all(name in done.stdout for name in ("plan", "check", "replay", "scenes", "render", "bench"))
+
+
+def test_planning_imports_what_planning_needs() -> None:
+    """All that comes before the planner's first kernel: most of what a short run lasts, were these imported too."""
+    code = (
+        "import sys; from regrasp.cli import main; from regrasp.view.progress import Reporter;"
+        "assert main(['plan', 'fig4-relocaton', '-o', 'plan.npz']) == 2; assert 'regrasp.planner.method' in sys.modules;"
+        "idle = 'scipy.linalg', 'scipy.sparse', 'scipy.spatial', 'scipy.interpolate', 'matplotlib', 'rich', 'glfw',"
+        "'highspy', 'typeguard', 'PIL';"
+        "print([m for m in idle if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "fig4-relocation?" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["plan", "check", "replay", "scenes", "render", "bench"])

@@ -7,15 +7,16 @@ input, told in one line; 130 interrupted. Heavy libraries are imported by the co
 import contextlib
 import dataclasses
 import difflib
+import gc
 import importlib
 import io
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Optional
 
 from regrasp import __version__
 from regrasp.errors import InputError, RegraspError
@@ -31,6 +32,8 @@ Answer = tuple[int, dict[str, Any]]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    # Nothing here is drawn with OpenGL, which MuJoCo would otherwise look for as long as it takes to load MuJoCo.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     as_json = "--json" in arguments
     arguments = [a for a in arguments if a != "--json"]
     try:
@@ -96,6 +99,17 @@ def _parse(command: Callable[..., Any], name: str, arguments: list[str]) -> Any:
     raise InputError(f"regrasp {name}", *_complaint(complaint.getvalue(), name)) from None
 
 
+@contextlib.contextmanager
+def _importing() -> Iterator[None]:
+    """A context for imports: garbage is not looked for among them, then or later, as modules hold none."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def _complaint(text: str, name: str) -> tuple[str, str]:
     """Reason and hint from tyro's box of text."""
     lines = [line.strip("│╭╮╰╯ ") for line in text.splitlines()]
@@ -111,20 +125,27 @@ def _complaint(text: str, name: str) -> tuple[str, str]:
 
 
 def _plan(arguments: list[str]) -> Answer:
-    import tyro
+    with _importing():
+        import tyro
 
-    from regrasp.planner.method import Settings, plan_scene
-    from regrasp.scene.load import load
-    from regrasp.settings import read
+        from regrasp.planner.method import Settings, plan_scene
+        from regrasp.scene.load import load
+        from regrasp.settings import read
+        from regrasp.view.progress import Reporter
 
     def request(
         scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")],
         output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="PLAN")],
         planner: Settings,
         seed: int = 0,
-        iterations: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: planner's)")] = None,
+        # tyro checks the default of an `int | None`, but not that of an Optional, with a library slow to import.
+        iterations: Annotated[
+            Optional[int],  # noqa: UP045
+            tyro.conf.arg(metavar="N", help_behavior_hint="(default: planner's)"),
+        ] = None,
         time_limit: Annotated[
-            float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: planner's)")
+            Optional[float],  # noqa: UP045
+            tyro.conf.arg(metavar="S", help_behavior_hint="(default: planner's)"),
         ] = None,
     ) -> tuple[str, Path, int, Settings]:
         """Read the command line.
@@ -147,12 +168,11 @@ def _plan(arguments: list[str]) -> Answer:
         return _parse(request, "plan", arguments)
 
     # The scene file's settings are the defaults of the flags, so its name is read first.
-    name, output, _, _ = parse(Settings())
+    name, output, seed, settings = parse(Settings())
     _writable(output)
     scene = load(name)
-    _, _, seed, settings = parse(read(Settings, scene.planner))
-    from regrasp.view.progress import Reporter
-
+    if scene.planner:
+        _, _, seed, settings = parse(read(Settings, scene.planner))
     started = time.perf_counter()
     with Reporter() as report:
         outcome = plan_scene(scene, seed, settings, report)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import springs
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 from scipy.spatial.transform import Rotation
 
 from regrasp.plan import NONE, OFF, RELOCATE, SLIDE, STAY, STICK
+from regrasp.planner import cones
 from regrasp.planner.assemble import remarks
-from regrasp.planner.cones import nodes_of, solve
+from regrasp.planner.cones import JOIN, nodes_of, solve, sparse
 from regrasp.planner.contacts import Contacts, bases, contacts_of, excess, residual
 from regrasp.planner.course import Course, changes, with_hand_overs
 from regrasp.planner.loads import WITHIN, Loads, between, forces, most_lacking
@@ -313,6 +315,35 @@ def test_no_other_forces_are_better(smoothness: float) -> None:
             for part in (1e-3, 1e-2, 0.1, 1.0):
                 assert objective(best + part * (other - best), smoothness) > objective(best, smoothness) - 1e-7
     assert kept > 300
+
+
+@pytest.mark.parametrize("smoothness", [0.0, 3.0])
+def test_the_quadratic_program_has_the_sum_of_squares_and_of_changes(contacts: Contacts, smoothness: float) -> None:
+    """½ xᵀ P x is Σ span |f|² + ω Σ |Δf|² / gap of the forces that x stands for, summed node by node."""
+    nodes = nodes_of(contacts, MARGIN, np.zeros(len(contacts.mode), bool))
+    column = np.where(nodes.free, np.cumsum(nodes.free).reshape(nodes.free.shape) - 1, -1)
+    width = int(np.sum(nodes.free)) + 2
+    found = cones.objective(nodes, column, width, smoothness)
+    upper = csc_matrix((found.data, found.indices, found.indptr), found.shape).toarray()
+    np.testing.assert_array_equal(np.tril(upper, -1), 0.0)
+    P = upper + np.triu(upper, 1).T
+    x = np.random.default_rng(0).normal(size=width)
+    f = np.einsum("bcae,bce->bca", nodes.basis, np.where(nodes.free, x[column], 0.0))
+    step = np.sum(np.diff(f, axis=0) ** 2, axis=(1, 2))
+    change = sum(s * (1.0 / gap if gap > 0.0 else JOIN) for s, gap in zip(step, nodes.gap, strict=True))
+    total = np.sum(nodes.span[:, None, None] * f**2) + smoothness * change
+    assert 0.5 * x @ P @ x == pytest.approx(total, rel=1e-12)
+
+
+def test_compressed_columns_are_scipys() -> None:
+    """With empty rows and columns, first and last ones too."""
+    dense = np.zeros((5, 7))
+    dense[[1, 3, 0, 3], [4, 1, 4, 5]] = [1.0, -2.0, 3.0, 4.0]
+    row, column = np.nonzero(dense)
+    order = np.random.default_rng(0).permutation(len(row))
+    ours, theirs = sparse(dense[row, column][order], row[order], column[order], dense.shape), csc_matrix(dense)
+    for name in ("data", "indices", "indptr"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
 def test_smoothness_buys_even_forces_with_larger_ones(contacts: Contacts) -> None:

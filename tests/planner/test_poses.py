@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from regrasp.planner.method import Settings, prepare
 from regrasp.planner.path import distance, interpolate
-from regrasp.planner.poses import AXES, START, orientations, super_fibonacci
+from regrasp.planner.poses import AXES, START, PoseGrid, orientations, super_fibonacci
 from regrasp.scene.load import validate
 
 STEP = 0.6
@@ -166,3 +167,19 @@ def test_start_and_goal_are_exact() -> None:
     np.testing.assert_array_equal(g.pose(g.goal)[1], p)
     assert g.goal in g.neighbours(g.start)
     assert len(orientations((), R, R, STEP)) == 2
+
+
+@pytest.mark.parametrize("freedoms", [("rz",), ("rx", "rz"), ("rx", "ry", "rz")])
+@pytest.mark.parametrize("step", [0.4, 1.1])
+def test_neighbouring_orientations_are_those_of_a_search_tree(freedoms: tuple[str, ...], step: float) -> None:
+    """All within 1.6 steps, and more only where fewer than five are so near."""
+    start, goal = Rotation.from_rotvec([[0.3, -0.2, 0.1], [1.0, 0.5, -2.0]]).as_matrix()
+    poses = PoseGrid((start, np.zeros(3)), (goal, np.zeros(3)), freedoms, 0.01, step, (), 0, np.ones(4))
+    q = Rotation.from_matrix(np.array(poses.rotations)).as_quat()
+    balls = cKDTree(np.vstack([q, -q])).query_ball_point(q, 2.0 * np.sin(1.6 * step / 4.0))
+    within = [{b % len(q) for b in ball} - {a} for a, ball in enumerate(balls)]
+    for a, near in enumerate(poses.near):
+        assert within[a] <= set(near)
+        assert all(a in poses.near[b] for b in near)
+        for b in set(near) - within[a]:
+            assert min(len(within[a]), len(within[b])) < 5

@@ -5,23 +5,32 @@ import sys
 import time
 
 from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.outcome import Report
+from regrasp.planner.warm import COMPILING
 from regrasp.scene.load import builtin, load
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.settings import read
+from regrasp.view.progress import Reporter
 
 
 def compile_kernels() -> float:
     """Plan every built-in scene with next to no iterations, so that nothing is left to compile; s it took."""
     say("compiling the kernels (minutes the first time, then they are kept beside the sources)")
     started = time.perf_counter()
-    for name in builtin():
-        scene = load(name)
-        settings = read(Settings, scene.planner)
-        local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
-        plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local))
+    with Reporter() as report:
+        for name in builtin():
+            scene = load(name)
+            settings = read(Settings, scene.planner)
+            local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
+            plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local), only_compilation(report))
     seconds = time.perf_counter() - started
     say(f"compiled or loaded in {seconds:.1f} s")
     return seconds
+
+
+def only_compilation(report: Report) -> Report:
+    """A report that is told of compilation only."""
+    return lambda step: report(step) if step.stage == COMPILING else None
 
 
 def say(line: str) -> None:

@@ -65,15 +65,20 @@ def _sample_ellipsoid(size: Array, count: int) -> Array:
         return np.sqrt((1.0 - height**2) * x2 + (size[0] * size[1] * height) ** 2)
 
     def cumulative(weights: Array) -> Array:
-        total = np.concatenate(([0.0], np.cumsum(0.5 * (weights[1:] + weights[:-1]))))
-        return total / total[-1]
+        total = np.zeros(weights.shape)
+        np.cumsum(0.5 * (weights[..., 1:] + weights[..., :-1]), axis=-1, out=total[..., 1:])
+        return total / total[..., -1:]
 
     u, v = _lattice(count)
     # Cosine spacing resolves the poles of a needle or a disc, where the density falls off fastest.
-    height, longitude = -np.cos(np.linspace(0.0, math.pi, 1025)), np.linspace(0.0, 2.0 * math.pi, 1025)
-    band = density(height[:, None], longitude[None, :-1]).mean(axis=1) * np.sin(np.linspace(0.0, math.pi, 1025))
-    h = -np.cos(np.interp(u, cumulative(band), np.linspace(0.0, math.pi, 1025)))
-    angle = np.array([np.interp(v[i], cumulative(density(h[i], longitude)), longitude) for i in range(count)])
+    polar, longitude = np.linspace(0.0, math.pi, 1025), np.linspace(0.0, 2.0 * math.pi, 1025)
+    # The density is the same in all octants: the mean over a circle is the trapezoidal rule on a quarter of it.
+    octant = density(-np.cos(polar[:513, None]), longitude[None, :257])
+    band = (0.5 * (octant[:, 0] + octant[:, -1]) + octant[:, 1:-1].sum(axis=1)) / 256.0
+    band = np.concatenate([band, band[-2::-1]]) * np.sin(polar)
+    h = -np.cos(np.interp(u, cumulative(band), polar))
+    turned = cumulative(density(h[:, None], longitude))
+    angle = np.array([np.interp(v[i], turned[i], longitude) for i in range(count)])
     rho = np.sqrt(1.0 - h**2)
     return size[:3] * np.stack((rho * np.cos(angle), rho * np.sin(angle), h), axis=1)
 

@@ -1,14 +1,15 @@
 """From motions to a plan: arcs joined, hand-overs, forces and times laid on, all that a reader needs put beside it."""
 
 import dataclasses
-import importlib.metadata
 import platform
 from dataclasses import dataclass
 from typing import Any
 
+import clarabel
+import mujoco
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from regrasp import __version__
 from regrasp.plan import Plan
@@ -22,6 +23,7 @@ from regrasp.planner.path import Pose
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support
 from regrasp.planner.timing import Timing, durations
+from regrasp.planner.turns import quaternion
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -40,7 +42,7 @@ class Segment:
 
 def quaternions(R: Array) -> Array:
     """Unit quaternions w x y z of rotations (…, 3, 3), each in the half space of the one before it."""
-    q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    q = quaternion(R.reshape(-1, 3, 3))
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
     q[1:] *= flips[:, None]
     return np.asarray(q.reshape(*R.shape[:-2], 4))
@@ -48,7 +50,7 @@ def quaternions(R: Array) -> Array:
 
 def pose_row(pose: Pose) -> Array:
     """Position and quaternion of a pose, (7,)."""
-    return np.concatenate([pose[1], Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)])
+    return np.concatenate([pose[1], quaternion(pose[0])])
 
 
 def assemble(
@@ -118,9 +120,8 @@ def remarks(contacts: Contacts, f: Array, margins: Margins, names: tuple[str, ..
 
 def versions() -> dict[str, str]:
     """Versions of what made a plan."""
-    names = ("clarabel", "mujoco", "numba", "numpy", "scipy")
     return {
         "regrasp": __version__,
         "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in names},
+        **{module.__name__: module.__version__ for module in (clarabel, mujoco, numba, np)},
     }

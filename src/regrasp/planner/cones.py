@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import clarabel
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from regrasp.plan import NONE, SLIDE
 from regrasp.planner.contacts import Contacts, bases, wrenches
@@ -89,6 +88,27 @@ def tangents(n: Array) -> Array:
     return np.stack([x, np.cross(n, x)], axis=-2)
 
 
+@dataclass(frozen=True)
+class Sparse:
+    """A matrix by compressed columns, as clarabel reads it from scipy, whose import takes longer than the solution.
+
+    data (e,): entries, column by column; indices (e,): their rows; indptr (width + 1,): where each column starts.
+    """
+
+    data: Array
+    indices: Ints
+    indptr: Ints
+    shape: tuple[int, int]
+    has_canonical_format: bool = True  # rows in order, every place once
+
+
+def sparse(values: Array, row: Ints, column: Ints, shape: tuple[int, int]) -> Sparse:
+    """The matrix with the given entries (e,), which are at different places."""
+    order = np.lexsort((row, column))
+    starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
+    return Sparse(values[order], row[order], starts, shape)
+
+
 class Rows:
     """Constraints A x + s = b, s in cones, block by block."""
 
@@ -107,10 +127,10 @@ class Rows:
         self.count += len(side)
         self.cones += cones
 
-    def matrix(self, width: int) -> sparse.csc_matrix:
+    def matrix(self, width: int) -> Sparse:
         """A."""
         values, row, column = (np.concatenate(part) for part in zip(*self.entries, strict=True))
-        return sparse.csc_matrix((values, (row, column)), (self.count, width))
+        return sparse(values, row, column, (self.count, width))
 
 
 def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float) -> Array | None:
@@ -131,7 +151,7 @@ def solve(contacts: Contacts, nodes: Nodes, margins: Margins, smoothness: float)
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.direct_solve_method = "qdldl"  # one thread: the same forces on every machine
-    quadratic = sparse.triu(objective(nodes, column, width, smoothness), format="csc")
+    quadratic = objective(nodes, column, width, smoothness)
     side = np.concatenate(rows.sides)
     answer = clarabel.DefaultSolver(quadratic, linear, rows.matrix(width), side, rows.cones, options).solve()
     if answer.status in (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible):
@@ -155,17 +175,21 @@ def spares(contacts: Contacts, nodes: Nodes, margins: Margins) -> Array:
     return np.where(nodes.free[..., 0], least, 0.0)
 
 
-def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> sparse.csc_matrix:
-    """The matrix P of ½ xᵀ P x = Σ |f|² + ω Σ |Δf|², both as integrals over the intervals by the trapezoidal rule."""
-    B, C = nodes.free.shape[:2]
-    b, c, e = np.nonzero(nodes.free)
-    rows = 3 * (b * C + c)[:, None] + np.arange(3)
-    place = (rows.ravel(), np.repeat(column[b, c, e], 3))
-    in_W = sparse.csc_matrix((nodes.basis[b, c, :, e].ravel(), place), (3 * B * C, width))
-    weight = np.where(nodes.gap > 0.0, 1.0 / np.maximum(nodes.gap, 1e-12), JOIN)
-    step = sparse.csr_array(np.diff(np.eye(B), axis=0))
-    chain = sparse.diags_array(nodes.span) + smoothness * (step.T * weight) @ step
-    return sparse.csc_matrix(2.0 * (in_W.T @ sparse.kron(chain, sparse.eye_array(3 * C)) @ in_W))
+def objective(nodes: Nodes, column: Ints, width: int, smoothness: float) -> Sparse:
+    """The matrix P of ½ xᵀ P x = Σ |f|² + ω Σ |Δf|², both as integrals over the intervals by the trapezoidal rule.
+
+    Its upper triangle: each contact's basis at one node meets itself and, where two nodes are neighbours, the next one's.
+    """
+    weight = smoothness * np.where(nodes.gap > 0.0, 1.0 / np.maximum(nodes.gap, 1e-12), JOIN)
+    same = nodes.span + np.append(weight, 0.0) + np.append(0.0, weight)
+    blocks = []
+    for a, b, factor in ((slice(None), slice(None), same), (slice(None, -1), slice(1, None), -weight)):
+        values = np.einsum("bcae,bcaf,b->bcef", nodes.basis[a], nodes.basis[b], 2.0 * factor)
+        row, place = np.broadcast_arrays(column[a][..., None], column[b][..., None, :])
+        used = (row >= 0) & (place >= row) & (values != 0.0)
+        blocks.append((values[used], row[used], place[used]))
+    values, row, place = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    return sparse(values, row, place, (width, width))
 
 
 def constraints(

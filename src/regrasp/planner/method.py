@@ -20,6 +20,7 @@ from regrasp.planner.scan import new_scan
 from regrasp.planner.route import GlobalPlanner, Router
 from regrasp.planner.supports import Support, supports_of
 from regrasp.planner.timing import Timing
+from regrasp.planner.warm import warmed
 from regrasp.scene.schema import Scene
 from regrasp.scene.world import World, build
 
@@ -166,8 +167,13 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     """
     clock = start_clock(settings.time_limit)
     report = progress or (lambda _: None)
-    rng = np.random.default_rng(seed)
-    task = prepare(scene, settings)
+    with warmed(report):
+        return plan_task(prepare(scene, settings), seed, clock, report)
+
+
+def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
+    """`plan_scene` of a scene made ready."""
+    settings, rng = task.settings, np.random.default_rng(seed)
     failure = check_ends(task)
     if failure:
         return Outcome(None, failure)

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.contact import advance
@@ -20,7 +18,9 @@ from regrasp.planner.hand import RANGE_MARGIN, Hand
 from regrasp.planner.motions import OFF, ONTO, RELOCATE, is_sliding, plain, slide_direction, whole
 from regrasp.planner.passage import free_motion
 from regrasp.planner.path import Path
+from regrasp.planner.splines import FINE, values
 from regrasp.planner.state import State
+from regrasp.planner.turns import from_rotvec, rotvec
 
 Array = NDArray[np.float64]
 
@@ -191,9 +191,8 @@ def detail(
 
 
 def between(q: Array) -> Array:
-    """Joints on the spline that a plan follows (`regrasp.plan`), five times as dense as the samples q (m + 1, n_a)."""
-    m = len(q) - 1
-    return np.asarray(CubicSpline(np.arange(m + 1), q)(np.linspace(0.0, m, 5 * m + 1)))
+    """Joints on the spline that a plan follows (`regrasp.plan`), FINE times as dense as the samples q (m + 1, n_a)."""
+    return values(len(q) - 1) @ q
 
 
 def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
@@ -202,11 +201,14 @@ def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     foot, n, least = np.empty(3), np.empty(3), np.inf
-    turns = Slerp(np.arange(m + 1), Rotation.from_matrix(path.R_WO[j]))(np.linspace(0.0, m, len(fine))).as_matrix()
-    places = CubicSpline(np.arange(m + 1), path.p_WO[j])(np.linspace(0.0, m, len(fine)))
-    for row, R_WO, p_WO in zip(fine, turns, places, strict=True):
+    R_WO = path.R_WO[j]
+    part = np.arange(FINE)[:, None] / FINE
+    # Between neighbouring samples the object turns about one axis.
+    steps = from_rotvec(part * rotvec(R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2))[:, None]) @ R_WO[:-1, None]
+    turns = np.concatenate([steps.reshape(-1, 3, 3), R_WO[m:]])
+    for row, turn, place_W in zip(fine, turns, between(path.p_WO[j]), strict=True):
         forward(hand.chains, i, row, R_WL, p_WL)
-        centre = np.ascontiguousarray(R_WO.T @ (p_WL[n_a] - p_WO))
+        centre = turn.T @ (p_WL[n_a] - place_W)
         least = min(least, project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0])
     return least
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.records import Record
 from regrasp.planner.supports import SEPARATE, SLIDE, STICK, Support, touching
+from regrasp.planner.turns import angle, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -46,15 +46,13 @@ Pose = tuple[Array, Array]
 
 def interpolate(start: Pose, goal: Pose, u: Array) -> tuple[Array, Array]:
     """Poses (R, p) at u in [0, 1] on the straight, constant-twist path: p linear, R geodesic."""
-    turn = Rotation.from_matrix(goal[0] @ start[0].T).as_rotvec()
-    R = Rotation.from_rotvec(u[:, None] * turn).as_matrix() @ start[0]
+    R = from_rotvec(u[:, None] * rotvec(goal[0] @ start[0].T)) @ start[0]
     return R, start[1] + u[:, None] * (goal[1] - start[1])
 
 
 def distance(start: Pose, goal: Pose, radius: float) -> float:
     """Length of the straight path, m: |Δp| + radius · angle; a metric on poses, so an admissible estimate."""
-    turn = Rotation.from_matrix(goal[0] @ start[0].T).magnitude()
-    return float(np.linalg.norm(goal[1] - start[1]) + radius * turn)
+    return float(np.linalg.norm(goal[1] - start[1]) + radius * angle(goal[0] @ start[0].T))
 
 
 def nominal_path(
@@ -96,9 +94,7 @@ def nominal_path(
             v = point_velocity(R[j], p[j], point[j, :, column])
             v -= np.einsum("sa,sa->s", v, n_W)[:, None] * n_W
             speed = np.linalg.norm(v, axis=1)
-            fastest = np.linalg.norm(p[j, -1] - p[j, 0]) + radius * np.linalg.norm(
-                Rotation.from_matrix(R[j, -1] @ R[j, 0].T).as_rotvec()
-            )
+            fastest = np.linalg.norm(p[j, -1] - p[j, 0]) + radius * angle(R[j, -1] @ R[j, 0].T)
             if np.all(speed <= 0.01 * fastest):
                 mode[j, column] = STICK
             elif np.all(speed > 0.0):
@@ -113,7 +109,7 @@ def nominal_path(
 def point_velocity(R: Array, p: Array, p_O: Array) -> Array:
     """Velocity per interval of the object's material point at p_O(s), at each sample, from the interval's twist (W)."""
     m = len(R) - 1
-    turn = Rotation.from_matrix(R[1:] @ np.swapaxes(R[:-1], 1, 2)).as_rotvec() * m
+    turn = rotvec(R[1:] @ np.swapaxes(R[:-1], 1, 2)) * m
     shift = np.diff(p, axis=0) * m
     # Samples take the mean of the steps on either side; the ends the only one they have.
     omega = np.vstack([turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]])

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from regrasp.planner.path import Pose, distance, interpolate
 from regrasp.planner.supports import TOUCH, Support, gap
+from regrasp.planner.turns import from_quaternion, from_rotvec, quaternion
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -36,14 +35,14 @@ class Node:
 
 
 def super_fibonacci(count: int) -> Array:
-    """Near-uniform rotations (count, 4), quaternions x y z w (Alexa 2022, Super-Fibonacci Spirals, Alg. 1)."""
+    """Near-uniform rotations (count, 4), quaternions w x y z (Alexa 2022, Super-Fibonacci Spirals, Alg. 1)."""
     phi, psi = math.sqrt(2.0), 1.533751168755204288118041
     s = np.arange(count) + 0.5
     t = s / count
     d = 2.0 * math.pi * s
     r, R = np.sqrt(t), np.sqrt(1.0 - t)
     alpha, beta = d / phi, d / psi
-    return np.stack([r * np.sin(alpha), r * np.cos(alpha), R * np.sin(beta), R * np.cos(beta)], axis=1)
+    return np.stack([R * np.cos(beta), r * np.sin(alpha), r * np.cos(alpha), R * np.sin(beta)], axis=1)
 
 
 def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: float) -> list[Array]:
@@ -58,13 +57,13 @@ def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: flo
         return found
     if len(axes) == 3:
         count = math.ceil(math.pi**2 / (step / 2.0) ** 3 / 2.0)  # volume of SO(3) over that of a ball of a step
-        return found + list(Rotation.from_quat(super_fibonacci(count)).as_matrix() @ start)
+        return found + list(from_quaternion(super_fibonacci(count)) @ start)
     turns = np.arange(math.ceil(2.0 * math.pi / step)) * (2.0 * math.pi / math.ceil(2.0 * math.pi / step))
     for angles in itertools.product(turns, repeat=len(axes)):
         if any(angles):
             R = np.eye(3)
             for axis, angle in zip(axes, angles, strict=True):
-                R = Rotation.from_rotvec(angle * np.eye(3)[axis]).as_matrix() @ R
+                R = from_rotvec(angle * np.eye(3)[axis]) @ R
             found.append(R @ start)
     return found
 
@@ -87,16 +86,13 @@ class PoseGrid:
 
     def _neighbour_turns(self, angle: float) -> list[list[int]]:
         """For each orientation, those within 1.6 steps, and at least its nearest, so that the graph is connected."""
-        quaternions = Rotation.from_matrix(np.array(self.rotations)).as_quat()
-        tree = cKDTree(np.vstack([quaternions, -quaternions]))
-        count = len(quaternions)
-        # |q − p| = 2 sin(θ/4) for rotations θ apart.
-        balls = tree.query_ball_point(quaternions, 2.0 * math.sin(1.6 * angle / 4.0))
-        nearest = tree.query(quaternions, k=min(2 * count, 6))[1]
-        near = [
-            {int(b) % count for b in (*ball, *row)} - {a}
-            for a, (ball, row) in enumerate(zip(balls, nearest, strict=True))
-        ]
+        quaternions = quaternion(np.array(self.rotations))
+        near: list[set[int]] = []
+        for a, q in enumerate(quaternions):
+            closeness = np.abs(quaternions @ q)  # cos(θ/2) for rotations θ apart
+            ball = np.flatnonzero(closeness >= math.cos(min(0.8 * angle, 0.5 * math.pi)))
+            nearest = np.argsort(-closeness, kind="stable")[:6]
+            near.append({int(b) for b in (*ball, *nearest)} - {a})
         for a, others in enumerate(near):
             for b in others:
                 near[b].add(a)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from regrasp.plan import RELOCATE
 from regrasp.planner.course import Course
+from regrasp.planner.splines import slopes
+from regrasp.planner.turns import angle
 
 Array = NDArray[np.float64]
 
@@ -52,15 +52,12 @@ def durations(
     force (N, M, k, 3): of the agents, in weights; owner, speeds (nq,): agent and speed limit of each joint; radius: of the
     object, m.
     """
-    samples = course.joints.shape[1]
-    s = np.linspace(0.0, 1.0, samples)
-    fine = np.linspace(0.0, 1.0, 5 * (samples - 1) + 1)
+    m = course.joints.shape[1] - 1
     part = np.where(moves_freely(course, owner), timing.free_speed, timing.speed)
-    rate = np.array([np.max(np.abs(CubicSpline(s, q)(fine, 1)) / speeds) for q in course.joints]) / part
+    rate = np.max(np.abs(m * slopes(m) @ course.joints) / speeds, axis=(1, 2)) / part
     way = np.linalg.norm(np.diff(course.object_position, axis=1), axis=-1).sum(axis=1)
     turn = np.swapaxes(course.object_rotation[:, :-1], -1, -2) @ course.object_rotation[:, 1:]
-    angle = Rotation.from_matrix(turn.reshape(-1, 3, 3)).magnitude().reshape(turn.shape[:2]).sum(axis=1)
-    change = (samples - 1) * np.linalg.norm(np.diff(force, axis=1), axis=-1).max(axis=(1, 2))
+    change = m * np.linalg.norm(np.diff(force, axis=1), axis=-1).max(axis=(1, 2))
     least = np.where(course.moves, timing.shortest, timing.settle)
-    carried = (way + radius * angle) / timing.object_speed
+    carried = (way + radius * angle(turn).sum(axis=1)) / timing.object_speed
     return np.asarray(np.maximum.reduce([rate, carried, change / timing.force_rate, least]))

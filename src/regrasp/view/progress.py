@@ -4,11 +4,11 @@ import math
 import sys
 import time
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
 
 
 class Step(Protocol):
@@ -31,21 +31,24 @@ class Reporter:
 
     def __init__(self, interval: float = 2.0) -> None:
         self._interval = interval
-        self._console = Console(stderr=True)
         self._bar: Bar | None = None
         self._task: TaskID | None = None
         self._stage = ""
         self._next = 0.0
 
     def __enter__(self) -> "Reporter":
-        if self._console.is_terminal:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as Bar
+
             self._bar = Bar(
                 TextColumn("{task.description}"),
                 BarColumn(),
                 MofNCompleteColumn(),
                 TextColumn("{task.fields[energy]}"),
                 TimeElapsedColumn(),
-                console=self._console,
+                console=Console(stderr=True),
                 transient=True,
             )
             self._bar.start()
@@ -61,7 +64,7 @@ class Reporter:
         else:
             self._print(step)
 
-    def _draw(self, bar: Bar, step: Step) -> None:
+    def _draw(self, bar: "Bar", step: Step) -> None:
         if self._task is None:
             self._task = bar.add_task(step.stage, total=step.total, energy="")
         bar.update(
