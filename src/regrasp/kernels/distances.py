@@ -48,6 +48,35 @@ def bounds_far(p_A: Array, bound_A: float, p_B: Array, bound_B: float, limit: fl
 
 
 @njit(cache=True, nogil=True)
+def boxes_far(
+    core_A: Array, r_A: float, R_A: Array, p_A: Array, core_B: Array, r_B: float, R_B: Array, p_B: Array, limit: float
+) -> bool:
+    """Whether an axis of A's or B's frame alone shows that two bodies (not PLANE) are more than limit apart.
+
+    Cores lie in boxes of their half extents, so this is the separating axis test of boxes on their six face normals.
+    """
+    x, y, z = p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2]
+    reach = r_A + r_B + limit
+    b0, b1, b2 = core_B[0], core_B[1], core_B[2]  # A's extents along B's axes are added below
+    c0, c1, c2 = b0 + reach, b1 + reach, b2 + reach
+    for i in range(3):
+        u, v, w = R_A[0, i], R_A[1, i], R_A[2, i]
+        m0 = abs(u * R_B[0, 0] + v * R_B[1, 0] + w * R_B[2, 0])
+        m1 = abs(u * R_B[0, 1] + v * R_B[1, 1] + w * R_B[2, 1])
+        m2 = abs(u * R_B[0, 2] + v * R_B[1, 2] + w * R_B[2, 2])
+        if abs(u * x + v * y + w * z) > core_A[i] + m0 * b0 + m1 * b1 + m2 * b2 + reach:
+            return True
+        c0 += m0 * core_A[i]
+        c1 += m1 * core_A[i]
+        c2 += m2 * core_A[i]
+    return (
+        abs(x * R_B[0, 0] + y * R_B[1, 0] + z * R_B[2, 0]) > c0
+        or abs(x * R_B[0, 1] + y * R_B[1, 1] + z * R_B[2, 1]) > c1
+        or abs(x * R_B[0, 2] + y * R_B[1, 2] + z * R_B[2, 2]) > c2
+    )
+
+
+@njit(cache=True, nogil=True)
 def _plane(R: Array, p: Array, kind: int, core: Array, R_B: Array, p_B: Array) -> float:
     """Signed distance of a core's lowest point above the half-space; −inf between two half-spaces (they do overlap)."""
     if kind == PLANE:

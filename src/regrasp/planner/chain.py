@@ -95,9 +95,9 @@ def metropolis(
         make_room(hand, path, scan, terms, found, work, cur)
         i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :-1], new)
         bound = E - T[r] * math.log(1.0 - u[r, -1])
-        value, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
+        value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
         if value <= bound:
-            copy_intervals(new, cur, first if work.shortcuts.changed else whole(0), last)
+            copy_intervals(new, cur, first, last)
             E = value
             if E < best_E:
                 best_E = E
@@ -116,9 +116,9 @@ def descend(
     for r in range(len(u)):
         make_room(hand, path, scan, terms, found, work, cur)
         i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r], new)
-        value, last = evaluate(hand, path, scan, terms, found, work, i, first, final, np.inf, cur, new)
+        value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, np.inf, cur, new)
         if value <= E:
-            copy_intervals(new, cur, first if work.shortcuts.changed else whole(0), last)
+            copy_intervals(new, cur, first, last)
             E = value
         elif value < np.inf:
             rises[count] = value - E
@@ -154,7 +154,7 @@ class ContactMotions:
         """Take V as the current state, evaluated from scratch."""
         make_room(*self.model, self.current)
         self.trial.V[:] = V
-        self._energy, _ = evaluate(*self.model, -1, 0, len(V) - 1, np.inf, self.current, self.trial)
+        self._energy, _, _ = evaluate(*self.model, -1, 0, len(V) - 1, np.inf, self.current, self.trial)
         copy_intervals(self.trial, self.current, 0, len(V))
 
     def energy(self) -> float:
@@ -170,14 +170,14 @@ class ContactMotions:
     def evaluate(self, move: Change, bound: float) -> float:
         """E of the proposed V, or inf as soon as it is known to exceed the bound."""
         self.trial.V[:] = move.V
-        self._tried, self._last = evaluate(
+        self._tried, *self._changed = evaluate(
             *self.model, move.agent, move.first, move.final, bound, self.current, self.trial
         )
         return self._tried
 
     def accept(self, move: Change) -> None:
         """Make the proposed V the current one."""
-        copy_intervals(self.trial, self.current, move.first if self.work.shortcuts.changed else 0, self._last)
+        copy_intervals(self.trial, self.current, *self._changed)
         self._energy = self._tried
 
     def reject(self, move: Change) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.distances import distance
+from regrasp.kernels.cores import PLANE, SEGMENT
+from regrasp.kernels.distances import boxes_far, distance
 from regrasp.kernels.rotations import multiply, rotate
 from regrasp.planner.hand import Hand
 
@@ -32,11 +33,16 @@ def place_agent(hand: Hand, i: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG:
 def closer(
     hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: Array, clearance: float
 ) -> bool:
-    """Whether geoms a and b at these poses come closer than the clearance; bounding spheres first."""
+    """Whether geoms a and b at these poses come closer than the clearance; bounding spheres first, then boxes."""
     geoms = hand.geoms
     reach = geoms.bound[a] + geoms.bound[b] + clearance
     dx, dy, dz = p_A[0] - p_B[0], p_A[1] - p_B[1], p_A[2] - p_B[2]
     if dx * dx + dy * dy + dz * dz > reach * reach:
+        return False
+    # Segments and half-spaces are as fast to measure.
+    if max(geoms.kind[a], geoms.kind[b]) > SEGMENT and max(geoms.kind[a], geoms.kind[b]) < PLANE and boxes_far(
+        geoms.core[a], geoms.radius[a], R_A, p_A, geoms.core[b], geoms.radius[b], R_B, p_B, clearance
+    ):
         return False
     d = distance(
         geoms.kind[a], geoms.core[a], geoms.radius[a], R_A, p_A,

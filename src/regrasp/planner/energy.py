@@ -319,16 +319,25 @@ def total(terms: Terms, state: State) -> float:
 def walk(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
     merge: bool, cur: State, new: State, room: float,
-) -> tuple[int, int]:  # fmt: skip
-    """Agent i's configurations under new.V from interval `first` on: (interval after the last that differs, times lost).
+) -> tuple[int, float]:  # fmt: skip
+    """Agent i's configurations under new.V from interval `first` on: (interval after the last that differs, least increase).
 
-    With `merge` the walk ends where, after interval `final`, it meets the current one; and where it is lost more than `room`
-    times, which shows in the count.
+    With `merge`, where the others are where they were, the walk ends where it meets the current one after interval `final`,
+    and what is known by then is added up: agents that are lost and, up to `final`, contacts that don't stick. It also ends
+    where that exceeds `room`.
     """
-    n, lost = new.V.shape[0], 0
+    n, k = new.V.shape
+    least = 0.0
     known = work.shortcuts.memory == 1
     here = new.at[first, i]
     for j in range(first, n):
+        if merge:
+            for a in range(k):
+                if a != i:
+                    new.V[j, a], new.at[j, a] = cur.V[j, a], cur.at[j, a]
+            least += terms.stability * loose(hand, path, found, new, j)
+            if least > room:
+                return j, least
         used = found.used[0]
         here, behind = onward(
             hand, path, scan, terms.commands, terms.clearance, found, j, i, here, whole(new.V[j, i]), known
@@ -337,51 +346,53 @@ def walk(
         new.at[j + 1, i] = here
         new.behind[j, i] = behind
         if behind or (new.V[j, i] < RELOCATE and found.lost[here]):
-            lost += 1
-            if lost > room:
-                return j + 1, lost
+            least += terms.collision
+            if least > room:
+                return j + 1, least
         if merge and j >= final and here == cur.at[j + 1, i]:
-            return j + 1, lost
-    return n, lost
+            return j + 1, least
+    return n, least
 
 
 @njit(cache=True, nogil=True)
 def evaluate(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
     bound: float, cur: State, new: State,
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, int, int]:  # fmt: skip
     """E(new.V), which differs from cur.V in agent i's intervals first … final only; i = −1: cur holds nothing.
 
-    Returns (E, last): E is inf if it exceeds the bound; intervals first … last − 1 of `new` differ from `cur`, and only they
-    are written.
+    Returns (E, first, last): E is inf if it exceeds the bound; intervals first … last − 1 of `new` differ from `cur`, and only
+    they are written.
     """
     n, k = new.V.shape
     if work.shortcuts.changed == 0:
         i = whole(-1)
     if i < 0:
         first, final = whole(0), n - 1
-    if work.shortcuts.bound == 0:
-        limit = np.inf
     else:
+        while first <= final and new.V[first, i] == cur.V[first, i]:
+            first += 1
+    limit = np.inf
+    if work.shortcuts.bound:
         limit = bound + 1e-9 * (1.0 + abs(bound))  # partial sums are added up in another order
     least = terms.change * changes(new.V)
     for j in range(first):
         least += interval_energy(terms, cur, j)
     if least > limit:
-        return np.inf, first
+        return np.inf, first, first
     last = first
-    for a in range(k):
-        new.at[first, a] = cur.at[first, a]
-    for a in range(k):
-        if i < 0 or a == i:
-            end, lost = walk(
-                hand, path, scan, terms, found, work, a, first, final, i >= 0, cur, new,
-                (limit - least) / terms.collision if terms.collision > 0.0 else np.inf,
-            )  # fmt: skip
-            last = max(last, end)
-            least += terms.collision * lost
-            if least > limit:
-                return np.inf, last
+    if first <= final:
+        for a in range(k):
+            new.at[first, a] = cur.at[first, a]
+        for a in range(k):
+            if i < 0 or a == i:
+                end, more = walk(
+                    hand, path, scan, terms, found, work, a, first, final, i >= 0, cur, new, limit - least
+                )
+                last = max(last, end)
+                least += more
+                if least > limit:
+                    return np.inf, first, last
     for j in range(last, n):
         least += interval_energy(terms, cur, j)
     for j in range(first, last):
@@ -402,15 +413,22 @@ def evaluate(
                 movers += 1
         new.h[j] = loose(hand, path, found, new, j)
         new.c[j] = max(0, movers - 1)  # one free motion at a time
-        least += terms.stability * new.h[j] + terms.collision * (new.c[j] + own)
+        if i < 0:
+            least += terms.stability * new.h[j]
+        least += terms.collision * (new.c[j] + own)
     if least > limit:
-        return np.inf, last
+        return np.inf, first, last
+    for j in range(first, last):
+        force_terms(hand, path, terms, found, work, new, j)
+        least += terms.equilibrium * new.e[j] + terms.force * new.f[j]
+        if least > limit:
+            return np.inf, first, last
     for j in range(first, last):
         for a in range(k):
             if i < 0 or a == i:
                 least += terms.collision * own_hits(hand, found, j + 1, a, new.at[j + 1, a], terms.clearance)
                 if least > limit:
-                    return np.inf, last
+                    return np.inf, first, last
     for j in range(first, last):
         for a in range(k):
             for b in range(a + 1, k):
@@ -419,12 +437,7 @@ def evaluate(
                     new.touch[j, a, b] = 1 if collide(hand, terms, found, work, a, b, x, y) else 0
                     least += terms.collision * new.touch[j, a, b]
         if least > limit:
-            return np.inf, last
-    for j in range(first, last):
-        force_terms(hand, path, terms, found, work, new, j)
-        least += terms.equilibrium * new.e[j] + terms.force * new.f[j]
-        if least > limit:
-            return np.inf, last
+            return np.inf, first, last
     for j in range(first, last):
         for a in range(k):
             new.way[j, a] = 0
@@ -436,7 +449,7 @@ def evaluate(
                 if new.way[j, a] < 0:
                     least += terms.collision
                     if least > limit:
-                        return np.inf, last
+                        return np.inf, first, last
     for j in range(first, last):
         for a in range(k):
             here = new.at[j + 1, a]
@@ -450,7 +463,7 @@ def evaluate(
     E = terms.change * changes(new.V)
     for j in range(n):
         E += interval_energy(terms, new if first <= j < last else cur, j)
-    return (E, last) if E <= bound else (np.inf, last)
+    return (E, first, last) if E <= bound else (np.inf, first, last)
 
 
 @njit(cache=True, nogil=True)

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
 SUBSTEPS = cast(
-    int, np.int64(4)
-)  # of the contact equations in one interval: good to 0.1 µm on a tip's way of some millimetres
+    int, np.int64(2)
+)  # of the contact equations in one interval: good to 0.5 µm on a tip's way of some millimetres
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad

@@ -42,11 +42,12 @@ def indispensable(hand: Hand, path: Path, terms: Terms, found: Configurations, w
 @njit(cache=True, nogil=True)
 def objective(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, state: State, j: int, i: int,
-    candidate: int, there: int,
+    candidate: int, there: int, bound: float,
 ) -> float:  # fmt: skip
     """The paper's objective of a candidate, on which agent i stands in configuration `there` at the end of interval j.
 
-    It is the sum of the contact forces as if the agent stood there, the others as they are; inf where the object isn't held.
+    It is the sum of the contact forces as if the agent stood there, the others as they are; inf where the object isn't held,
+    or as soon as it is known not to be below the bound.
     Deviation: to it are added, times `outlook`, the part of the coming way on which the contact can't be kept, and the part of
     the agents that could not be relocated from there; a contact that is about to leave the agent's reach would have to be
     relocated again at once, and others wait for their turn.
@@ -57,10 +58,14 @@ def objective(
         work.bears[a] = 1 if state.V[j, a] < RELOCATE and found.holds[state.at[j, a]] else 0
     work.codes[i], work.there[i], work.bears[i] = STAY, there, 1
     value = sum_of_forces(hand, path, terms, found, work, j, whole(1))
-    if value == np.inf:
-        return value
-    kept = outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, candidate, terms.clearance)
-    return value + terms.outlook * (1.0 - kept + indispensable(hand, path, terms, found, work, j))
+    if value >= bound:
+        return np.inf
+    value += terms.outlook * (
+        1.0 - outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, candidate, terms.clearance)
+    )
+    if value >= bound:
+        return np.inf
+    return value + terms.outlook * indispensable(hand, path, terms, found, work, j)
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +92,7 @@ def choose(
             continue
         if not stands:
             best, stands = c, True
-        value = objective(hand, path, scan, terms, found, work, state, j, i, c, there)
+        value = objective(hand, path, scan, terms, found, work, state, j, i, c, there, least)
         if value < least:
             best, least = c, value
     return best
