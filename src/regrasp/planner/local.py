@@ -1,7 +1,7 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,12 @@ Codes = NDArray[np.int8]
 class LocalPlanner:
     """Settings of the local planner.
 
-    attempts: annealing runs on an arc before it counts as failed.
+    attempts: annealing runs on an arc before it counts as failed. warm: `annealing.acceptance` of a run that starts from
+    an old V: low, so that what is good in it is kept.
     """
 
     attempts: int = 3
+    warm: float = 0.02
     annealing: Annealing = field(default_factory=Annealing)
     energy: Energy = field(default_factory=Energy)
     steps: MotionSteps = field(default_factory=MotionSteps)
@@ -137,11 +139,12 @@ class ArcResult:
 
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
-    report: Report, stage: str, clock: Clock, parts: int,
+    report: Report, stage: str, clock: Clock, parts: int, warm: Codes | None = None,
 ) -> ArcResult | Failure:  # fmt: skip
     """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom.
 
-    Each annealing run has one of `parts` equal parts of the time then left.
+    Each annealing run has one of `parts` equal parts of the time then left. The first starts from the V `warm` (n, k), if
+    there is one, and not as hot as the others.
     """
     terms = terms_of(hand, settings)
     scan = new_scan(hand, path, settings.relocation)
@@ -151,9 +154,14 @@ def plan_arc(
     for attempt in range(settings.attempts):
         if attempt > 0 and clock.up():
             break
-        problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, rng))
-        watch = watcher(report, stage, settings.annealing.iterations)
-        result = anneal(problem, settings.annealing, rng, watch, clock.share(parts).elapsed)
+        annealing = settings.annealing
+        if warm is not None and attempt == 0:
+            V, annealing = warm, replace(annealing, acceptance=min(settings.warm, annealing.acceptance))
+        else:
+            V = random_motions(n, k, rng)
+        problem = ContactMotions(hand, path, scan, terms, start, V)
+        watch = watcher(report, stage, annealing.iterations)
+        result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
         history.append(np.asarray(result.energies))
         problem.reset(result.best)
         motion = detail(hand, path, scan, terms, problem.current, result.best, problem.work, names)
