@@ -30,6 +30,9 @@ from regrasp.settings import demand, read
 
 Array = NDArray[np.float64]
 
+REHEARSAL = 0.05
+"""s of annealing before the first step."""
+
 
 @dataclass(frozen=True)
 class Replanning:
@@ -83,6 +86,9 @@ class Replanner:
         planner = replace(planner, local=replace(planner.local, annealing=annealing))
         self._seed, self._rng = seed, np.random.default_rng(seed)
         self._task = task_of(from_plan(plan.scene, plan.xml, plan.assets), planner)
+        # Kernels are loaded, or compiled, as they are first called: not in a step that has to be in time.
+        self._planned(float(plan.time[0, 0]), pose_at(plan, plan.time[0, 0]), plan.joints[0, 0], start_clock(REHEARSAL))
+        self._rng = np.random.default_rng(seed)
 
     def step(self, t: float, X_WO: Pose, q: Array) -> Answer:
         """The plan to follow from time t, s, on the plan's clock, with the object at X_WO = (R, p) and the joints at q (nq,).
@@ -99,7 +105,7 @@ class Replanner:
         if all(np.all(np.isfinite(part)) for part in (*X_WO, q)):
             off = apart(pose_at(self.plan, t), X_WO)
             if off[0] > self.settings.position or off[1] > self.settings.rotation:
-                found = self._planned(t, X_WO, q)
+                found = self._planned(t, X_WO, q, self._clock())
                 new, failure = (None, found) if isinstance(found, Failure) else (found, None)
         else:
             failure = Failure("start", "measurement", "", "a number is not finite", "look at the sensors")
@@ -107,11 +113,14 @@ class Replanner:
             self.plan = new
         return Answer(self.plan, new is not None, off, failure, time.perf_counter() - began)
 
-    def _planned(self, t: float, X_WO: Pose, q: Array) -> Plan | Failure:
+    def _clock(self) -> Clock:
+        """The time of a step that the search has."""
+        limit, spare = self.settings.time_limit, self.settings.spare
+        return start_clock(max(limit - spare, 1e-3) if limit else 0.0)
+
+    def _planned(self, t: float, X_WO: Pose, q: Array, search: Clock) -> Plan | Failure:
         """A plan from the measured state at t: straight to the next subgoal, to a later one, or by a new route."""
         settings, task = self.settings, self._task
-        clock = start_clock(settings.time_limit)
-        search = replace(clock, end=max(clock.start, clock.end - settings.spare)) if settings.time_limit else clock
         j = interval_at(self.plan, t)
         X_WO = self._settled(X_WO, j)
         hit = task.router.blocked(X_WO, 0.0)
