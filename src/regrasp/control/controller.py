@@ -82,7 +82,9 @@ class Controller:
             bears = ref.bears[row]
             force, where = force.copy(), where.copy()
             planned = ref.p_WO[row], ref.R_WO[row]
-            force[bears], where[bears] = carried(force[bears], where[bears], planned, self._pushed)
+            force[bears], where[bears] = carried(
+                force[bears], where[bears], planned, self._pushed, self.control.leash.grip
+            )
         return force, where
 
     def give_way(self, row: int, seen: Pose) -> None:

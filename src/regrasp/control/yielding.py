@@ -22,13 +22,16 @@ Pose = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Leash:
-    """How far the object gets from where the fingers would have it before they give way: shift, m, and turn, rad."""
+    """How fingers give way. shift, m, and turn, rad: how far the object gets from where they would have it before they do.
+    grip: factor on what they do to each other meanwhile.
+    """
 
-    shift: float = 1.5e-3
-    turn: float = 0.03
+    shift: float = 3.5e-3
+    turn: float = 0.07
+    grip: float = 2.0
 
     def __post_init__(self) -> None:
-        demand(self, from_zero=("shift", "turn"))
+        demand(self, from_zero=("shift", "turn", "grip"))
 
 
 def beyond(leash: Leash, moved: Array) -> Array:
@@ -52,15 +55,15 @@ def grasp_map(r: Array) -> Array:
     return np.concatenate([np.tile(np.eye(3), len(r)), cross.transpose(0, 2, 1).reshape(3, -1)])
 
 
-def carried(force: Array, p: Array, before: Pose, now: Pose) -> tuple[Array, Array]:
+def carried(force: Array, p: Array, before: Pose, now: Pose, grip: float) -> tuple[Array, Array]:
     """Forces f' (m, 3) and where they act on an object moved from one pose to another; force, p (m, 3): before.
 
-    f' = R f + G'⁺ (G f − G' R f), R the object's turn: forces without a wrench, which is what fingers do to each other,
-    turn with it; the wrench about its origin, which carries its weight, stays the same.
+    f' = s R f + G'⁺ (G f − s G' R f), R the object's turn, s the grip: forces without a wrench, which is what fingers do to
+    each other, turn with it and grow; the wrench about its origin, which carries its weight, stays the same.
     """
     R = now[1] @ before[1].T
     r = p - before[0]
-    turned, there = force @ R.T, r @ R.T
+    turned, there = grip * force @ R.T, r @ R.T
     G = grasp_map(there)
     missing = grasp_map(r) @ force.ravel() - G @ turned.ravel()
     return turned + (np.linalg.pinv(G, rcond=1e-6) @ missing).reshape(-1, 3), there + now[0]
