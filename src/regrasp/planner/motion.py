@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.kernels.chains import forward
@@ -20,6 +19,7 @@ from regrasp.planner.hand import RANGE_MARGIN, Hand
 from regrasp.planner.motions import OFF, RELOCATE, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import Scan, free_motion
+from regrasp.planner.splines import dense
 from regrasp.planner.state import State
 from regrasp.planner.supports import SLIDE, STICK
 
@@ -202,9 +202,8 @@ def detail(
 
 
 def between(q: Array) -> Array:
-    """Joints on the spline that a plan follows (`regrasp.plan`), five times as dense as the samples q (m + 1, n_a)."""
-    m = len(q) - 1
-    return np.asarray(CubicSpline(np.arange(m + 1), q)(np.linspace(0.0, m, 5 * m + 1)))
+    """Joints on the spline that a plan follows, denser than the samples q (m + 1, n_a)."""
+    return dense(len(q) - 1)[0] @ q
 
 
 def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
@@ -214,7 +213,7 @@ def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     foot, n, least = np.empty(3), np.empty(3), np.inf
     turns = Slerp(np.arange(m + 1), Rotation.from_matrix(path.R_WO[j]))(np.linspace(0.0, m, len(fine))).as_matrix()
-    places = CubicSpline(np.arange(m + 1), path.p_WO[j])(np.linspace(0.0, m, len(fine)))
+    places = between(path.p_WO[j])
     for row, R_WO, p_WO in zip(fine, turns, places, strict=True):
         forward(hand.chains, i, row, R_WL, p_WL)
         centre = np.ascontiguousarray(R_WO.T @ (p_WL[n_a] - p_WO))

@@ -5,11 +5,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from regrasp.plan import RELOCATE
 from regrasp.planner.course import Course
+from regrasp.planner.splines import dense
 
 Array = NDArray[np.float64]
 
@@ -53,10 +53,8 @@ def durations(
     object, m.
     """
     samples = course.joints.shape[1]
-    s = np.linspace(0.0, 1.0, samples)
-    fine = np.linspace(0.0, 1.0, 5 * (samples - 1) + 1)
     part = np.where(moves_freely(course, owner), timing.free_speed, timing.speed)
-    rate = np.array([np.max(np.abs(CubicSpline(s, q)(fine, 1)) / speeds) for q in course.joints]) / part
+    rate = np.max(np.abs(dense(samples - 1)[1] @ course.joints) / speeds, axis=(1, 2)) / part
     way = np.linalg.norm(np.diff(course.object_position, axis=1), axis=-1).sum(axis=1)
     turn = np.swapaxes(course.object_rotation[:, :-1], -1, -2) @ course.object_rotation[:, 1:]
     angle = Rotation.from_matrix(turn.reshape(-1, 3, 3)).magnitude().reshape(turn.shape[:2]).sum(axis=1)

@@ -48,6 +48,8 @@ def resampled(V: Codes, n: int) -> Codes:
     r, k = V.shape
     old, agent = np.nonzero(V == RELOCATE)
     count = min(len(old), n)
+    V = V.copy()
+    V[old[count:], agent[count:]] = STAY
     place = np.floor((old[:count] + 0.5) * n / r).astype(np.int64)
     step = np.arange(count)
     place = np.maximum.accumulate(place - step) + step  # apart, later ones later, …
