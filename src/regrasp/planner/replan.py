@@ -147,8 +147,10 @@ class Replanner:
         else:
             assert failure is not None
             route = self._route(X_WO, subgoals[-1], search)
+            if not route:
+                return failure
             found = self._along(route, np.array_split(np.concatenate(warms), len(route)), X_WO, grasp, search)
-            if not route or isinstance(found, Failure):
+            if isinstance(found, Failure):
                 return failure
         segments, passed = found
         local, planner = task.settings.local, task.settings
