@@ -25,8 +25,8 @@ from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import new_scan
 from regrasp.scene.load import load
-from regrasp.search.annealing import Settings as Annealing
 from regrasp.search import annealing as generic
+from regrasp.search.annealing import Settings as Annealing
 from regrasp.settings import read
 
 PAPER_SECONDS = 3600.0

@@ -11,6 +11,7 @@ from regrasp.control.feedback import Feedback, displacement, tip_shift
 from regrasp.control.impedance import Command, Impedance
 from regrasp.control.reference import Phases, Reference, solve_steps, weights
 from regrasp.control.tension import Release, released
+from regrasp.control.yielding import Leash, Pose, beyond, carried, displaced
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ class Control:
     feedback: Feedback = field(default_factory=Feedback)
     release: Release = field(default_factory=Release)
     phases: Phases = field(default_factory=Phases)
+    leash: Leash = field(default_factory=Leash)
 
 
 class Controller:
@@ -46,6 +48,7 @@ class Controller:
         self._damping = self._model.dof_damping[self._dofs]
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))
+        self._pushed: Pose | None = None
         self._give = 1.0 / stiffness
         self._tips = [agent.tip_geom for agent in world.agents]
         joints = np.array([len(agent.qpos) for agent in world.agents])
@@ -64,12 +67,49 @@ class Controller:
         mujoco.mj_rne(model, data, 0, torque)
         mujoco.mj_passive(model, data)
         torque -= data.qfrc_spring + data.qfrc_gravcomp  # what the model holds by itself
-        force, where = ref.force_W[row], ref.p_WC[row]
+        force, where = self.forces(row)
         for i, agent in enumerate(self.world.agents):
             if ref.bears[row, i]:
                 mujoco.mj_applyFT(model, data, force[i], NO_TORQUE, where[i], agent.tip_body, torque)  # += Jᵀ f
         rate = ref.qd[row]
         return Command(ref.q[row] + self._correction, rate, torque[self._dofs] + self._damping * rate)
+
+    def forces(self, row: int) -> tuple[Array, Array]:
+        """Forces on the object that are fed forward (k, 3), W, and where they act."""
+        ref = self.reference
+        force, where = ref.force_W[row], ref.p_WC[row]
+        if self._pushed is not None:
+            bears = ref.bears[row]
+            force, where = force.copy(), where.copy()
+            planned = ref.p_WO[row], ref.R_WO[row]
+            force[bears], where[bears] = carried(
+                force[bears], where[bears], planned, self._pushed, self.control.leash.grip
+            )
+        return force, where
+
+    def give_way(self, row: int, seen: Pose) -> None:
+        """In place of `update` while something pushes the object off its path: the fingers that hold it go with it.
+
+        Keep the row as long, and then follow a plan from where the object has come to.
+        """
+        ref = self.reference
+        if self._pushed is None:
+            # The integral that pulled the object back lets go.
+            self._pushed, self._correction = (ref.p_WO[row], ref.R_WO[row]), np.zeros(len(self._addresses))
+        moved = beyond(self.control.leash, displacement(*self._pushed, *seen))
+        p = self._data.geom_xpos[self._tips]
+        steps = [tip_shift(moved * bears, self._pushed[0], at) for bears, at in zip(ref.bears[row], p, strict=True)]
+        self._correction = self._correction + solve_steps(
+            self._jacobians(p), np.array(steps), self._weight, self._owner
+        )
+        self._pushed = displaced(self._pushed, moved)
+
+    def _jacobians(self, p: Array) -> Array:
+        """(k, 6, nq): of the tips at p (k, 3)."""
+        J = np.empty((len(p), 6, self._model.nv))
+        for i, agent in enumerate(self.world.agents):
+            mujoco.mj_jac(self._model, self._data, J[i, :3], J[i, 3:], p[i], agent.tip_body)
+        return J[:, :, self._dofs]
 
     def update(self, row: int, seen: tuple[Array, Array] | None) -> None:
         """Correct the targets, once in a feedback period, after a `command` of about this row.
@@ -80,11 +120,8 @@ class Controller:
         follows = row >= ref.start
         error = NO_ERROR if seen is None else displacement(ref.p_WO[row], ref.R_WO[row], *seen)
         state = object_feedback.step(settings, self._state, error, bears, follows)
-        J = np.empty((len(bears), 6, self._model.nv))
         p = self._data.geom_xpos[self._tips]
-        for i, agent in enumerate(self.world.agents):
-            mujoco.mj_jac(self._model, self._data, J[i, :3], J[i, 3:], p[i], agent.tip_body)
-        J = J[:, :, self._dofs]
+        J = self._jacobians(p)
         if follows:
             d = J[:, :3] @ (self._data.qpos[self._addresses] - ref.q[row] - self._correction)
             slides = ref.slides[row] & bears

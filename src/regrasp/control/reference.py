@@ -71,6 +71,23 @@ class Reference:
         return self.begin + (row - self.start) * self.period
 
 
+def taken_over(plan: Plan, period: float, phases: Phases, force: Array) -> Reference:
+    """The table of a plan that begins where the fingers already hold the object, with forces (k, 3) on it.
+
+    In `phases.load` the forces pass over to the plan's; there is neither approach nor settling.
+    """
+    body = _sampled(plan, period)
+    count = len(body.q)
+    load, hold = (max(1, round(seconds / period)) for seconds in (phases.load, phases.hold))
+    rows = np.concatenate([np.zeros(load, int), np.arange(count), np.full(hold, count - 1)])
+    still = (np.arange(len(rows)) < load) | (np.arange(len(rows)) >= load + count)
+    table = {name: getattr(body, name)[rows] for name in ("interval", "q", "qd", "p_WO", "R_WO", *CONTACT)}
+    table["qd"][still], table["slides"][still], table["interval"][:load] = 0.0, False, -1
+    u = (np.arange(load)[:, None, None] + 1) / load
+    table["force_W"][:load] = np.where(table["bears"][:load, :, None], (1 - u) * force + u * body.force_W[0], 0.0)
+    return Reference(period, body.begin, 0, load, load + count - 1, **table)
+
+
 CONTACT = ("bears", "slides", "force_W", "p_WC", "n_W")
 """What a row says of each agent's contact."""
 

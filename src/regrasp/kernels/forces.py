@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.rotations import Array, cross, plus
+from regrasp.kernels.rotations import Array, Vector, cross, plus
 
 Indices = NDArray[np.int64]
 
@@ -24,7 +24,9 @@ _SIN = (0.0, _H, 1.0, _H, 0.0, -_H, -1.0, -_H)
 
 
 @njit(cache=True, nogil=True)
-def friction_edges(p: Array, n_in: Array, x: Array, y: Array, mu: float, length: float, A: Array, first: int) -> None:
+def friction_edges(
+    p: Vector, n_in: Vector, x: Vector, y: Vector, mu: float, length: float, A: Array, first: int
+) -> None:
     """The EDGES edges of a friction cone as columns first … first+EDGES-1 of A: [f; p × f / length].
 
     f = n_in + μ (cos θ x + sin θ y), θ = 2π e / EDGES; n_in is the unit normal into the object, x and y are unit
@@ -45,7 +47,7 @@ def friction_edges(p: Array, n_in: Array, x: Array, y: Array, mu: float, length:
 
 
 @njit(cache=True, nogil=True)
-def ray(p: Array, n_in: Array, t: Array, mu: float, length: float, A: Array, at: int) -> None:
+def ray(p: Vector, n_in: Vector, t: Vector, mu: float, length: float, A: Array, at: int) -> None:
     """The one boundary ray of a sliding contact as column `at` of A: f = n_in + μ t, t the unit direction of friction.
 
     t is the slip v̂ of a tip relative to the object, for a support minus the object's (Coulomb). See friction_edges.

@@ -1,7 +1,9 @@
 """From motions to a plan: arcs joined, hand-overs, forces and times laid on, all that a reader needs put beside it."""
 
 import dataclasses
+import functools
 import platform
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,7 +120,8 @@ def remarks(contacts: Contacts, f: Array, margins: Margins, names: tuple[str, ..
     return (f"{said} (planner.local.energy.grip and .disturbance ask for them)",)
 
 
-def versions() -> dict[str, str]:
+@functools.cache
+def versions() -> Mapping[str, str]:
     """Versions of what made a plan."""
     return {
         "regrasp": __version__,

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program
 from regrasp.kernels.forces import EDGES, friction_edges, ray
-from regrasp.kernels.rotations import rotate
+from regrasp.kernels.rotations import minus, rotate, triple
 from regrasp.kernels.simplex import OPTIMAL, solve
-from regrasp.kernels.surfaces import tangents
+from regrasp.kernels.surfaces import frame
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import is_sliding, whole
 from regrasp.planner.path import Path
@@ -28,16 +28,13 @@ def contact_columns(
     n is the object's outward normal; t the slip direction of a sliding contact, whose force lies on the boundary ray of
     the true cone. Rolling and resting contacts leave a part of μ unused, so that plans keep off the edge of their cones.
     """
-    p, n_in, x, y = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for a in range(3):
-        p[a] = p_OC[a] - hand.p_OM_O[a]
-        n_in[a] = -n[a]
+    p, n_in = minus(p_OC, hand.p_OM_O), (-n[0], -n[1], -n[2])
     count = EDGES
     if is_sliding(code):
-        ray(p, n_in, t, hand.mu[i], hand.radius, lp.A, first)
+        ray(p, n_in, triple(t), hand.mu[i], hand.radius, lp.A, first)
         count = 1
     else:
-        tangents(n, x, y)
+        x, y = frame(triple(n))
         friction_edges(p, n_in, x, y, (1.0 - margins.friction) * hand.mu[i], hand.radius, lp.A, first)
     for c in range(first, first + count):
         lp.cost[c] = 1.0
@@ -48,20 +45,18 @@ def contact_columns(
 @njit(cache=True, nogil=True)
 def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp: Program, first: int) -> int:
     """Write the passive contacts at sample s of interval j into the LP: they bear force and cost no effort."""
-    p, x, y = np.empty(3), np.empty(3), np.empty(3)
     at = first
     for column in range(path.support_mode.shape[1]):
         mode = path.support_mode[j, column]
         if mode != STICK and mode != SLIDE:
             continue
-        n = path.support_n_O[j, s, column]
-        for a in range(3):
-            p[a] = path.support_p_O[j, s, column, a] - hand.p_OM_O[a]
+        n = triple(path.support_n_O[j, s, column])
+        p = minus(path.support_p_O[j, s, column], hand.p_OM_O)
         count = 1
         if mode == SLIDE:
-            ray(p, n, path.support_t_O[j, s, column], path.support_mu[column], hand.radius, lp.A, at)
+            ray(p, n, triple(path.support_t_O[j, s, column]), path.support_mu[column], hand.radius, lp.A, at)
         else:
-            tangents(n, x, y)
+            x, y = frame(n)
             friction_edges(p, n, x, y, (1.0 - margins.friction) * path.support_mu[column], hand.radius, lp.A, at)
             count = EDGES
         for c in range(at, at + count):
@@ -117,7 +112,8 @@ def balance(
 ) -> tuple[bool, float, int]:
     """The force LP at sample s of interval j: (whether there is equilibrium, Σ of the normal forces, pivots it took).
 
-    warm: start from the basis of the last program. bears (k,): which agents press on the object; codes (k,): their contact motions; p_OC, n, t (k, 3) in O.
+    warm: start from the basis of the last program. bears (k,): which agents press on the object; codes (k,): their contact
+    motions; p_OC, n, t (k, 3) in O.
 
     What an agent has to spare it bears at least, evenly on the columns of its contact: as the mean of a cone's edges is its
     normal, a rolling contact's cone is moved up its normal by it. These lower bounds are taken off the variables before

@@ -35,7 +35,15 @@ BLOCK = 100  # moves between two looks at the clock
 
 @njit(cache=True, nogil=True)
 def propose(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, u: Array, new: State
+    hand: Hand,
+    path: Path,
+    scan: Scan,
+    terms: Terms,
+    found: Configurations,
+    work: Work,
+    cur: State,
+    u: Array,
+    new: State,
 ) -> tuple[int, int, int]:
     """new.V: one agent does another motion over a run of intervals, or a change of motion moves to another time.
 
@@ -99,7 +107,7 @@ def metropolis(
         if value <= bound:
             copy_intervals(new, cur, first, last)
             E = value
-            if E < best_E:
+            if best_E > E:
                 best_E = E
                 best[:] = cur.V
         energies[r], best_energies[r] = E, best_E
@@ -140,7 +148,14 @@ class ContactMotions:
     """Eq. (1) on one arc as a problem for `search.annealing`: the current V and its State, and the trial beside it."""
 
     def __init__(
-        self, hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, V: Codes, shortcuts: Shortcuts | None = None
+        self,
+        hand: Hand,
+        path: Path,
+        scan: Scan,
+        terms: Terms,
+        start: Grasp,
+        V: Codes,
+        shortcuts: Shortcuts | None = None,
     ) -> None:
         n, k = V.shape
         self.current, self.trial = new_state(n, k), new_state(n, k)

@@ -30,9 +30,7 @@ def place_agent(hand: Hand, i: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG:
 
 
 @njit(cache=True, nogil=True)
-def closer(
-    hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: Array, clearance: float
-) -> bool:
+def closer(hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: Array, clearance: float) -> bool:
     """Whether geoms a and b at these poses come closer than the clearance; bounding spheres first, then boxes."""
     geoms = hand.geoms
     reach = geoms.bound[a] + geoms.bound[b] + clearance
@@ -40,8 +38,10 @@ def closer(
     if dx * dx + dy * dy + dz * dz > reach * reach:
         return False
     # Segments and half-spaces are as fast to measure.
-    if max(geoms.kind[a], geoms.kind[b]) > SEGMENT and max(geoms.kind[a], geoms.kind[b]) < PLANE and boxes_far(
-        geoms.core[a], geoms.radius[a], R_A, p_A, geoms.core[b], geoms.radius[b], R_B, p_B, clearance
+    if (
+        max(geoms.kind[a], geoms.kind[b]) > SEGMENT
+        and max(geoms.kind[a], geoms.kind[b]) < PLANE
+        and boxes_far(geoms.core[a], geoms.radius[a], R_A, p_A, geoms.core[b], geoms.radius[b], R_B, p_B, clearance)
     ):
         return False
     d = distance(
@@ -59,9 +59,7 @@ def first_geom(hand: Hand, c: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def hits(
-    hand: Hand, a: int, c: int, R_A: Array, p_A: Array, R_C: Array, p_C: Array, clearance: float
-) -> bool:
+def hits(hand: Hand, a: int, c: int, R_A: Array, p_A: Array, R_C: Array, p_C: Array, clearance: float) -> bool:
     """Whether any pair of block (a, c) comes closer than the clearance (own links: touches); poses in rows from 0.
 
     a is an agent; c an agent, k for the static bodies, k + 1 for the object (`Hand.block`).
@@ -113,8 +111,6 @@ def object_hits(hand: Hand, R_B: Array, p_B: Array, clearance: float) -> bool:
     first = hand.geom_start[k]
     for n in range(hand.block[k, k], hand.block[k, k + 1]):
         g, h = hand.pairs[n, 0], hand.pairs[n, 1]
-        if closer(
-            hand, g, R_B[g - first], p_B[g - first], h, R_B[h - first], p_B[h - first], clearance
-        ):
+        if closer(hand, g, R_B[g - first], p_B[g - first], h, R_B[h - first], p_B[h - first], clearance):
             return True
     return False

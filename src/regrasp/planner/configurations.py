@@ -18,7 +18,7 @@ from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction
+from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
 from regrasp.planner.scan import BARRED, Scan, candidate_free
 
@@ -158,7 +158,9 @@ def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def standing(hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float) -> int:
+def standing(
+    hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float
+) -> int:
     """Agent i on a candidate at the end of interval j − 1; 0 where it cannot stand there."""
     c = found.standing[i, j, candidate]
     if c > 0 or scan.status[i, j, candidate] == BARRED:
@@ -196,7 +198,9 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def follow_contact(hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int) -> int:
+def follow_contact(
+    hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int
+) -> int:
     """Agent i in contact through interval j: contact motion, joint angles, bodies, normals at its end."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     x, y, foot = np.empty(3), np.empty(3), np.empty(3)
@@ -252,11 +256,11 @@ def onward(
         there = standing(hand, path, scan, found, j + 1, i, code - ONTO, clearance)
         if there > 0:
             return there, False
-        code, behind = np.int64(STAY), True
+        code, behind = whole(STAY), True
     elif code == OFF and found.holds[here]:
         return resting(hand, found, j + 1, i), False
     if not found.holds[here]:
-        code = np.int64(OFF)
+        code = whole(OFF)
     there = found.after[here, code]
     if there == 0 or not known:
         if found.holds[here]:

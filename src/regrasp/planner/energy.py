@@ -275,9 +275,7 @@ def force_terms(hand: Hand, path: Path, terms: Terms, found: Configurations, wor
 
 
 @njit(cache=True, nogil=True)
-def way_of(
-    hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int, i: int
-) -> int:
+def way_of(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int, i: int) -> int:
     """The way of agent i's free motion through interval j, −1 for none."""
     k = new.V.shape[1]
     key, slot = work.key_way, 0
@@ -372,6 +370,8 @@ def evaluate(
     else:
         while first <= final and new.V[first, i] == cur.V[first, i]:
             first += 1
+        while first < final and new.V[final, i] == cur.V[final, i]:
+            final -= 1
     limit = np.inf
     if work.shortcuts.bound:
         limit = bound + 1e-9 * (1.0 + abs(bound))  # partial sums are added up in another order
@@ -386,9 +386,7 @@ def evaluate(
             new.at[first, a] = cur.at[first, a]
         for a in range(k):
             if i < 0 or a == i:
-                end, more = walk(
-                    hand, path, scan, terms, found, work, a, first, final, i >= 0, cur, new, limit - least
-                )
+                end, more = walk(hand, path, scan, terms, found, work, a, first, final, i >= 0, cur, new, limit - least)
                 last = max(last, end)
                 least += more
                 if least > limit:
@@ -463,7 +461,7 @@ def evaluate(
     E = terms.change * changes(new.V)
     for j in range(n):
         E += interval_energy(terms, new if first <= j < last else cur, j)
-    return (E, first, last) if E <= bound else (np.inf, first, last)
+    return (E, first, last) if bound >= E else (np.inf, first, last)
 
 
 @njit(cache=True, nogil=True)

@@ -237,7 +237,10 @@ def find_grasp(
     R_WB, p_WB = bodies_along(hand, path)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     kept = np.zeros((len(agents), count))
-    ahead_R, ahead_p = np.zeros((len(agents), count, LOOKS + 1, geoms, 3, 3)), np.zeros((len(agents), count, LOOKS + 1, geoms, 3))
+    ahead_R, ahead_p = (
+        np.zeros((len(agents), count, LOOKS + 1, geoms, 3, 3)),
+        np.zeros((len(agents), count, LOOKS + 1, geoms, 3)),
+    )
     for a, i in enumerate(agents):
         if not look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[a], ahead_R[a], ahead_p[a]):
             return Failure(

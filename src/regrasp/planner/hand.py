@@ -29,7 +29,8 @@ RANGE_MARGIN = 0.015  # rad or m that plans keep from the joint limits
 class Hand(Record):
     """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
 
-    chains: the agents' serial chains; wrists: their inverse kinematics in closed form, where there is one; geoms: every body, agents first, then static, the object last.
+    chains: the agents' serial chains; wrists: their inverse kinematics in closed form, where there is one; geoms: every body,
+    agents first, then static, the object last.
     geom_start (k + 1,): geoms of agent i are geom_start[i] … geom_start[i + 1] − 1.
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.

@@ -1,7 +1,7 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,24 +12,29 @@ from regrasp.planner.configurations import Grasp
 from regrasp.planner.energy import Energy, Terms
 from regrasp.planner.hand import Hand
 from regrasp.planner.motion import Motion, detail
-from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, MotionSteps, commands
+from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, MotionSteps, commands
 from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path
-from regrasp.planner.scan import Relocation, new_scan
+from regrasp.planner.relocation import choose
+from regrasp.planner.scan import Relocation, Scan, new_scan
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import State as AnnealingState
 
 Codes = NDArray[np.int16]
+
+THOROUGH = 32  # candidates that a relocation of an old V compares
 
 
 @dataclass(frozen=True)
 class LocalPlanner:
     """Settings of the local planner.
 
-    attempts: annealing runs on an arc before it counts as failed.
+    attempts: annealing runs on an arc before it counts as failed. warm: `annealing.acceptance` of a run that starts from
+    an old V: low, so that what is good in it is kept.
     """
 
     attempts: int = 3
+    warm: float = 0.02
     annealing: Annealing = field(default_factory=Annealing)
     energy: Energy = field(default_factory=Energy)
     steps: MotionSteps = field(default_factory=MotionSteps)
@@ -64,13 +69,26 @@ class ArcResult:
     energy: NDArray[np.float64]
 
 
+def resumed(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, old: NDArray[np.int8], rng: np.random.Generator
+) -> ContactMotions:
+    """The problem at an old V, whose relocations (RELOCATE, as in a plan) choose their candidates one after the other."""
+    V = np.where(old == RELOCATE, STAY, old).astype(np.int16)
+    problem = ContactMotions(hand, path, scan, terms, start, V)
+    for j, i in zip(*np.nonzero(old == RELOCATE), strict=True):
+        V[j, i] = ONTO + choose(*problem.model, problem.current, j, i, rng.random(THOROUGH))
+        problem.reset(V)
+    return problem
+
+
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
-    report: Report, stage: str, clock: Clock, parts: int,
+    report: Report, stage: str, clock: Clock, parts: int, warm: NDArray[np.int8] | None = None,
 ) -> ArcResult | Failure:  # fmt: skip
     """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom.
 
-    Each annealing run has one of `parts` equal parts of the time then left.
+    Each annealing run has one of `parts` equal parts of the time then left. The first starts from the V `warm` (n, k), if
+    there is one, and not as hot as the others.
     """
     terms = terms_of(hand, settings)
     scan = new_scan(hand, path, settings.relocation)
@@ -80,9 +98,14 @@ def plan_arc(
     for attempt in range(settings.attempts):
         if attempt > 0 and clock.up():
             break
-        problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, len(scan.p_O), rng))
-        watch = watcher(report, stage, settings.annealing.iterations)
-        result = anneal(problem, settings.annealing, rng, watch, clock.share(parts).elapsed)
+        annealing = settings.annealing
+        if warm is not None and attempt == 0:
+            annealing = replace(annealing, acceptance=min(settings.warm, annealing.acceptance))
+            problem = resumed(hand, path, scan, terms, start, warm, rng)
+        else:
+            problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, len(scan.p_O), rng))
+        watch = watcher(report, stage, annealing.iterations)
+        result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
         history.append(np.asarray(result.energies))
         problem.reset(result.best)
         motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)

@@ -15,9 +15,9 @@ from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report
 from regrasp.planner.path import Path, Pose, distance, nominal_path
-from regrasp.planner.poses import Node, PoseGrid
-from regrasp.planner.scan import new_scan
+from regrasp.planner.poses import FREE, Node, PoseGrid
 from regrasp.planner.route import GlobalPlanner, Router
+from regrasp.planner.scan import new_scan
 from regrasp.planner.supports import Support, supports_of
 from regrasp.planner.timing import Timing
 from regrasp.planner.warm import warmed
@@ -74,31 +74,47 @@ class Task:
 
 def prepare(scene: Scene, settings: Settings) -> Task:
     """World, kernel arrays, supports and pose grid of a scene."""
-    world = build(scene)
-    hand = hand_of(world)
+    return task_of(build(scene), settings)
+
+
+def task_of(world: World, settings: Settings) -> Task:
+    """A world made ready for planning from its scene's start to its goal."""
+    scene, hand = world.scene, hand_of(world)
     supports = supports_of(world, hand)
     start, goal = (scene.start.pose.R, scene.start.pose.p), (scene.goal.pose.R, scene.goal.pose.p)
+    return Task(world, hand, supports, router_of(scene, hand, supports, start, goal, settings), settings)
+
+
+def router_of(
+    scene: Scene, hand: Hand, supports: tuple[Support, ...], start: Pose, goal: Pose, settings: Settings
+) -> Router:
+    """The global planner of a scene's surroundings between any two poses."""
     grid = PoseGrid(
         start, goal, scene.freedoms, settings.route.step * hand.radius, settings.route.angle, supports,
         hand.kind_O, hand.size_O,
     )  # fmt: skip
     g = np.array(scene.gravity)
     up_W = -g / np.linalg.norm(g) if np.any(g) else np.zeros(3)
-    return Task(world, hand, supports, Router(hand, grid, supports, up_W, settings.route), settings)
+    return Router(hand, grid, supports, up_W, settings.route)
 
 
 def arc_path(task: Task, a: Node, b: Node) -> list[Path]:
     """The nominal path from subgoal a to b, in pieces of at most `intervals` intervals."""
-    s, grid, hand = task.settings, task.router.grid, task.hand
-    start, goal = grid.pose(a), grid.pose(b)
+    start, goal = task.router.grid.pose(a), task.router.grid.pose(b)
     assert start is not None
     assert goal is not None
+    return way_path(task, start, goal, a.support if a.support == b.support else FREE)
+
+
+def way_path(task: Task, start: Pose, goal: Pose, support: int) -> list[Path]:
+    """The same between two poses, on the support that carries both (FREE: none does)."""
+    s, grid, hand = task.settings, task.router.grid, task.hand
     shift = float(np.linalg.norm(goal[1] - start[1]))
     angle = distance(start, goal, 1.0) - shift
     n = max(4, math.ceil(angle / s.turn - 1e-9), math.ceil(shift / (s.travel * hand.radius) - 1e-9))
     pieces = math.ceil(n / s.intervals)
     each = math.ceil(n / pieces)
-    R, p = grid.arc(a, b, pieces * each * s.samples)
+    R, p = grid.between(start, goal, support, pieces * each * s.samples)
     step = each * s.samples
     gravity = np.array(task.world.scene.gravity)
     return [
@@ -135,14 +151,19 @@ def check_ends(task: Task) -> Failure | None:
 
 def plan_pieces(
     task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report,
-    clock: Clock, later: int,
+    clock: Clock, later: int, warm: NDArray[np.int8] | None = None,
 ) -> tuple[list[Segment], Grasp] | Failure:  # fmt: skip
-    """Local plans of consecutive pieces of an arc, each from where the one before ends; `later` more arcs follow."""
+    """Local plans of consecutive pieces of an arc, each from where the one before ends; `later` more arcs follow.
+
+    warm: the V to start from, of all pieces one after the other.
+    """
+    ends = np.cumsum([len(path.R_WO) for path in pieces])[:-1]
+    warms = [None] * len(pieces) if warm is None else np.split(warm, ends)
     planned: list[Segment] = []
-    for path in pieces:
+    for path, V in zip(pieces, warms, strict=True):
         stage = f"segment {first + len(planned) + 1}"
         parts = len(pieces) - len(planned) + later
-        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
+        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts, V)
         if isinstance(result, Failure):
             return result
         planned.append(Segment(result.motion, result.energy))

@@ -179,15 +179,23 @@ def detail(
             broken.append(Violation("collision", j, "", "more than one agent moves freely at a time"))
         touched = np.zeros((k, k + 2), np.uint8)
         sample_hits(
-            hand, path, j, joints[j], bears, ends, 0.5 * terms.clearance, found.R_WB[j].copy(), found.p_WB[j].copy(), touched
+            hand,
+            path,
+            j,
+            joints[j],
+            bears,
+            ends,
+            0.5 * terms.clearance,
+            found.R_WB[j].copy(),
+            found.p_WB[j].copy(),
+            touched,
         )
         for a, c in zip(*np.nonzero(touched), strict=True):
             other = names[c] if c < k else ("a static body", "the object")[c - k]
             broken.append(Violation("collision", j, names[a], f"touches {other if c != a else 'itself'}"))
         if not balanced(hand, path, terms, j, bears, V[j], p_OC[j], n_O[j], x_O[j], work):
             broken.append(Violation("equilibrium", j, "", "no contact forces hold the object"))
-    V = np.where(said, plain(V), OFF).astype(np.int8)
-    return Motion(path, V, joints, twist, p_OC, n_O, x_O, tuple(broken))
+    return Motion(path, np.where(said, plain(V), OFF).astype(np.int8), joints, twist, p_OC, n_O, x_O, tuple(broken))
 
 
 def between(q: Array) -> Array:

@@ -11,6 +11,7 @@ from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
+from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
 from regrasp.planner.scan import tool_direction, touch_down
 
@@ -63,7 +64,16 @@ def hover(
 
 @njit(cache=True, nogil=True)
 def raise_tip(
-    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, first: int, step: int, high: float, q: Array
+    hand: Hand,
+    path: Path,
+    found: Configurations,
+    j: int,
+    i: int,
+    here: int,
+    first: int,
+    step: int,
+    high: float,
+    q: Array,
 ) -> bool:
     """The quarter of the way next to a contact: rows first + step, first + 2 step, … of q (m + 1, n_a), from row `first`.
 
@@ -89,7 +99,16 @@ def raise_tip(
 
 @njit(cache=True, nogil=True)
 def travel(
-    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, there: int, way: int, high: float, q: Array
+    hand: Hand,
+    path: Path,
+    found: Configurations,
+    j: int,
+    i: int,
+    here: int,
+    there: int,
+    way: int,
+    high: float,
+    q: Array,
 ) -> bool:
     """Rows m // 4 … m − m // 4 of q (m + 1, n_a): in joint space from the one lift to the other, by the way point.
 
@@ -198,12 +217,12 @@ def free_motion(
     here, there = at[i], to[i]
     for a in range(n_a):
         q[0, a], q[m, a] = found.q[here, a], found.q[there, a]
-    if found.holds[here] and not raise_tip(hand, path, found, j, i, here, np.int64(0), np.int64(1), high, q):
+    if found.holds[here] and not raise_tip(hand, path, found, j, i, here, whole(0), whole(1), high, q):
         return -1
-    if found.holds[there] and not raise_tip(hand, path, found, j, i, there, m, np.int64(-1), high, q):
+    if found.holds[there] and not raise_tip(hand, path, found, j, i, there, m, whole(-1), high, q):
         return -1
     for way in range(WAYS):
-        if travel(hand, path, found, j, i, here, there, np.int64(way), high, q) and way_clear(
+        if travel(hand, path, found, j, i, here, there, whole(way), high, q) and way_clear(
             hand, path, found, j, i, at, to, high, clearance, q
         ):
             return way

@@ -142,14 +142,18 @@ class PoseGrid:
         return found
 
     def arc(self, a: Node, b: Node, count: int) -> tuple[Array, Array]:
-        """count + 1 poses (R, p) from a to b: straight, and on the support all the way where both ends are on it."""
+        """count + 1 poses (R, p) from a to b, see `between`."""
         start, goal = self.pose(a), self.pose(b)
         assert start is not None
         assert goal is not None
+        return self.between(start, goal, a.support if a.support == b.support else FREE, count)
+
+    def between(self, start: Pose, goal: Pose, support: int, count: int) -> tuple[Array, Array]:
+        """count + 1 poses (R, p): straight, and all the way on the support that carries both ends, if one does."""
         R, p = interpolate(start, goal, np.linspace(0.0, 1.0, count + 1))
-        if a.support == b.support != FREE:
+        if support != FREE:
             for s in range(1, count):
-                p[s] = self.snapped((R[s], p[s]), a.support)[1]
+                p[s] = self.snapped((R[s], p[s]), support)[1]
         return R, p
 
     def length(self, a: Node, b: Node, radius: float) -> float:

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import dot, minus
 
 Array = NDArray[np.float64]
 
@@ -48,34 +49,31 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
     c, with their moment of inertia J (and `SOFT`): Δf_i = F / count + J⁻¹ (τ − c × F) × (p_i − c).
     """
     C = len(sticks)
-    count = 0
-    c, d = np.zeros(3), np.zeros(3)
+    count, c0, c1, c2 = 0, 0.0, 0.0, 0.0
     for i in range(C):
         share[i] = 0.0
         if sticks[i]:
             count += 1
-            for a in range(3):
-                c[a] += p[i, a]
+            c0 += p[i, 0]
+            c1 += p[i, 1]
+            c2 += p[i, 2]
     if count == 0:
         return
-    for a in range(3):
-        c[a] /= count
-    J = np.zeros((3, 3))
+    c = (c0 / count, c1 / count, c2 / count)
+    room = np.zeros((4, 3, 3))
+    J, inverse, by_force, by_torque = room[0], room[1], room[2], room[3]
     for i in range(C):
         if sticks[i]:
-            for a in range(3):
-                d[a] = p[i, a] - c[a]
-            square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+            d = minus(p[i], c)
+            square = dot(d, d)
             for a in range(3):
                 J[a, a] += square
                 for b in range(3):
                     J[a, b] -= d[a] * d[b]
     for a in range(3):
         J[a, a] += SOFT
-    inverse = np.zeros((3, 3))
     invert(J, inverse)
     # The columns are the turns J⁻¹ (−c × e_a) that a force along axis a makes, and J⁻¹ e_a that a torque about it makes.
-    by_force, by_torque = np.zeros((3, 3)), np.zeros((3, 3))
     for a in range(3):
         x, y = (a + 1) % 3, (a + 2) % 3  # (x, y, a) is right-handed: c × e_a = c_y e_x − c_x e_y
         for b in range(3):
@@ -84,8 +82,7 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
     for i in range(C):
         if sticks[i]:
             total = 0.0
-            for a in range(3):
-                d[a] = p[i, a] - c[a]
+            d = minus(p[i], c)
             for a in range(3):
                 for b in range(3):
                     x, y = (b + 1) % 3, (b + 2) % 3

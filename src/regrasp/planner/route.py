@@ -83,13 +83,18 @@ class Router:
         """Whether the object gets from a to b clear of everything and within reach."""
         key = (a, b) if a < b else (b, a)
         if key not in self._free:
-            length = self.grid.length(*key, self.hand.radius)
-            R, p = self.grid.arc(*key, max(1, math.ceil(length / (0.08 * self.hand.radius))))
-            clearance = self.settings.clearance
-            self._free[key] = all(
-                self.in_reach((R[s], p[s])) and not self.blocked((R[s], p[s]), clearance) for s in range(len(R))
-            )
+            count = self.looks(self.grid.length(*key, self.hand.radius))
+            self._free[key] = self.clear(*self.grid.arc(*key, count))
         return self._free[key]
+
+    def looks(self, length: float) -> int:
+        """Steps in which a way of this length (`path.distance`) is looked at."""
+        return max(1, math.ceil(length / (0.08 * self.hand.radius)))
+
+    def clear(self, R: Array, p: Array) -> bool:
+        """Whether the object is clear of everything and within reach at all poses, R (n, 3, 3), p (n, 3)."""
+        clearance = self.settings.clearance
+        return all(self.in_reach(pose) and not self.blocked(pose, clearance) for pose in zip(R, p, strict=True))
 
     def least_force(self, node: Node) -> float:
         """Σ of normal forces, in weights, that hold the object at a node if fingers could touch it anywhere."""

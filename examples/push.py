@@ -1,0 +1,181 @@
+"""An object is pushed off its path in mid-plan, 20 mm and 15°, and still reaches its goal: the plan is planned again.
+
+    python examples/push.py
+
+Everything runs in physics: the object is free, only a wrench on it pushes. The fingers give way to the push; when the object
+rests again, `Replanner.step` plans from the measured pose and joints. Beside that, the same push with the plan alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.control.controller import Controller
+from regrasp.control.feedback import displacement
+from regrasp.control.impedance import gains
+from regrasp.control.reference import reference, taken_over
+from regrasp.control.yielding import beyond
+from regrasp.plan import Plan
+from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.replan import Replanner
+from regrasp.scene.load import load
+from regrasp.scene.world import from_plan
+from regrasp.settings import read
+from regrasp.verify.physics import PERIOD, Physics, nominal
+from regrasp.verify.replay import control_of
+
+Array = NDArray[np.float64]
+
+LOOK = 0.02
+"""s between two measurements of the object."""
+LOST = 2.0
+"""Radii of the object off its path, from which on it counts as dropped."""
+REST = 4e-5
+"""m that an object moves at most from one measurement to the next, at rest, counting its turn with its radius; …"""
+STILL = 10
+"""… and for so many measurements."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A wrench that drives the object along a smooth way to `shift` (3,), m, and `turn` (3,), rad, off where it was.
+
+    begin: s, on the plan's clock. seconds: that it takes. It lets go as soon as the object is that far off.
+    """
+
+    begin: float
+    shift: Array
+    turn: Array
+    seconds: float = 1.5
+    stiffness: float = 400.0
+    torsion: float = 0.5
+
+    def wrench(self, since: float, off: Array, rate: Array) -> Array:
+        """Force and torque (6,) on the object `since` s after the beginning, moved by off (6,) since then at rate (6,)."""
+        u = min(1.0, since / self.seconds)
+        wanted = 1.15 * (3 * u * u - 2 * u**3) * np.concatenate([self.shift, self.turn])
+        k = np.repeat([self.stiffness, self.torsion], 3)
+        return k * (wanted - off) - 0.01 * k * rate
+
+    def is_done(self, off: Array) -> bool:
+        """Whether the object is as far off as it should be."""
+        far, near = np.linalg.norm(off.reshape(2, 3), axis=1), np.linalg.norm([self.shift, self.turn], axis=1)
+        return bool(np.all(far >= near))
+
+
+@dataclass(frozen=True)
+class Run:
+    """How it ended. pushed: m and rad off where it was as the push lets go; steps: s, of each call of the replanner; final: m
+    and rad off the goal; dropped: whether the object was lost; told: what the replanner said."""
+
+    pushed: tuple[float, float]
+    steps: tuple[float, ...]
+    final: tuple[float, float]
+    dropped: bool
+    told: tuple[str, ...]
+
+
+def size(error: Array) -> tuple[float, float]:
+    """m and rad of a displacement (6,)."""
+    return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+
+
+def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
+    """The plan in physics with a push on its way, planned again if there is a replanner."""
+    world, control = from_plan(plan.scene, plan.xml, plan.assets), control_of(plan)
+    drives = gains(world, plan.joints[0, 0], control.impedance, PERIOD)
+    table = reference(plan, world, PERIOD, control.phases)
+    physics = Physics(world, nominal(world), drives)
+    physics.place(table.q[0])
+    controller = Controller(world, table, control, physics.drives.gains.K)
+    body, dof = world.object_body, physics.model.joint("object").dofadr[0]
+    radius = float(physics.model.geom_rbound[world.object_geoms].max())
+    every, row, tick, still = round(LOOK / PERIOD), 0, 0, 0
+    begun, let_go, gives_way, dropped = math.inf, False, False, False
+    before = at_push = (physics.p_WO, physics.R_WO)
+    pushed, steps, told = (0.0, 0.0), [], []
+    while row < len(table):
+        if row == table.start:
+            physics.release()
+        command = controller.command(row, physics.q, physics.qd)
+        if tick % every == 0:
+            seen = physics.p_WO, physics.R_WO
+            error = displacement(table.p_WO[row], table.R_WO[row], *seen)
+            far = row >= table.start and bool(np.any(beyond(control.leash, error)))
+            gives_way = replanner is not None and (gives_way or far)
+            dropped = size(error)[0] > LOST * radius or size(error)[1] > 2.0
+            if dropped:
+                break
+            step = size(displacement(*before, *seen))
+            still = still + 1 if step[0] + radius * step[1] < REST else 0
+            before = seen
+            if replanner is not None and gives_way and still >= STILL:
+                answer = replanner.step(table.time(row), (physics.R_WO, physics.p_WO), physics.q)
+                steps.append(answer.seconds)
+                told.append(str(answer.failure or f"new plan of {answer.plan.summary()['duration']:.1f} s"))
+                if answer.new:
+                    table = taken_over(answer.plan, PERIOD, control.phases, controller.forces(row)[0])
+                    controller = Controller(world, table, control, physics.drives.gains.K)
+                    row, gives_way = 0, False
+                still = 0
+                if not answer.new and len(steps) > 2:
+                    break
+            elif gives_way:
+                controller.give_way(row, seen)
+            else:
+                controller.update(row, seen)
+        now = table.time(row)
+        if now >= push.begin and begun == math.inf:
+            begun, at_push = tick, (physics.p_WO, physics.R_WO)
+        if begun < math.inf and not let_go:
+            off = displacement(*at_push, physics.p_WO, physics.R_WO)
+            rate = np.concatenate(
+                [physics.data.qvel[dof : dof + 3], physics.R_WO @ physics.data.qvel[dof + 3 : dof + 6]]
+            )
+            let_go = push.is_done(off) or (tick - begun) * PERIOD > 2.0 * push.seconds
+            pushed = size(off)
+            physics.data.xfrc_applied[body] = 0.0 if let_go else push.wrench((tick - begun) * PERIOD, off, rate)
+        physics.step(command)
+        tick += 1
+        row += not gives_way
+    goal = world.scene.goal.pose
+    final = size(displacement(goal.p, goal.R, physics.p_WO, physics.R_WO))
+    return Run(pushed, tuple(steps), final, dropped, tuple(told))
+
+
+def planned(name: str, seed: int) -> Plan:
+    """A plan of a scene."""
+    scene = load(name)
+    outcome = plan_scene(scene, seed, read(Settings, scene.planner))
+    if outcome.plan is None:
+        raise SystemExit(str(outcome.failure))
+    return outcome.plan
+
+
+def upwards(plan: Plan) -> Push:
+    """20 mm, mostly up, and 15°, in the first third of a plan."""
+    shift, turn = np.array([0.2, -0.2, 1.0]), np.array([0.15, -0.8, 0.55])
+    return Push(
+        0.3 * float(plan.time[-1, -1]),
+        0.02 * shift / np.linalg.norm(shift),
+        math.radians(15.0) * turn / np.linalg.norm(turn),
+    )
+
+
+def main() -> None:
+    """Both runs, in words."""
+    plan = planned("fig4-relocation", 1)
+    push = upwards(plan)
+    for words, replanner in (("the plan alone", None), ("planned again", Replanner(plan))):
+        found = run(plan, push, replanner)
+        print(f"{words}: pushed {1e3 * found.pushed[0]:.1f} mm and {math.degrees(found.pushed[1]):.1f}° off;", end=" ")
+        for seconds, told in zip(found.steps, found.told, strict=True):
+            print(f"step() took {seconds:.2f} s: {told};", end=" ")
+        lost = ", the object was dropped" if found.dropped else ""
+        print(f"at the end {1e3 * found.final[0]:.1f} mm and {math.degrees(found.final[1]):.1f}° off the goal{lost}")
+
+
+if __name__ == "__main__":
+    main()
