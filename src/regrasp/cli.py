@@ -183,7 +183,11 @@ def _plan(arguments: list[str]) -> Answer:
         _say(f"{scene.name}: no plan: {failure}")
         return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure)}
     outcome.plan.save(output)
-    return DONE, {"plan": str(output), "seconds": seconds, **outcome.plan.summary()}
+    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary()}
+    if outcome.failure is None:
+        return DONE, answer
+    _say(f"{scene.name}: the best plan so far, not feasible, is in {output}: {outcome.failure}")
+    return REFUSED, {**answer, "failure": dataclasses.asdict(outcome.failure)}
 
 
 def _replaced(settings: Any, path: Sequence[str], value: object) -> Any:

@@ -150,9 +150,13 @@ class Plan:
                 raise InputError(f"plan.{where}", f"{letter} = {length}", f"at least {least}")
 
     def summary(self) -> dict[str, Any]:
-        """Counts, times and the use of each contact motion: what `--json` prints about a plan."""
+        """Counts, times and the use of each contact motion: what `--json` prints about a plan.
+
+        energy: Σ over the segments of the least E(V); found_after: how many V's of each had been tried by then.
+        """
         motions = {name: int(np.count_nonzero(code == self.V)) for code, name in enumerate(MOTIONS)}
         normal = np.linalg.norm(self.force_W, axis=-1).sum(axis=-1)
+        histories = [self.energy[self.energy_segment == a] for a in np.unique(self.energy_segment)]
         return {
             "scene": self.scene.get("name", ""),
             "feasible": self.feasible,
@@ -164,7 +168,9 @@ class Plan:
             "motions": {name: count for name, count in motions.items() if count},
             "supports": sorted({name for p, name in enumerate(self.support_names) if np.any(self.support_mode[:, p])}),
             "largest_force_sum": float(normal.max(initial=0.0)),
-            "energy": float(self.energy[-1]) if len(self.energy) else None,
+            "energy": float(sum(row.min() for row in histories)),
+            "found_after": [int(row.argmin()) for row in histories],
+            "evaluations": [len(row) for row in histories],
             "seed": self.seed,
             "remarks": list(self.remarks),
         }

@@ -57,11 +57,12 @@ def pose_row(pose: Pose) -> Array:
 
 def assemble(
     world: World, hand: Hand, segments: list[Segment], subgoals: list[Pose], supports: tuple[Support, ...],
-    margins: Margins, loads: Loads, timing: Timing, seed: int, settings: Any,
+    margins: Margins, loads: Loads, timing: Timing, seed: int, settings: Any, complete: bool,
 ) -> Plan | Failure:  # fmt: skip
     """The plan of consecutive segments along the subgoals (one more than segments), or why no forces carry it.
 
-    margins: what the forces leave unused.
+    margins: what the forces leave unused. complete: whether the goal is reached without a broken constraint; if not, a plan
+    comes without forces where there are none.
     """
     motions = [segment.motion for segment in segments]
     joint, support_names = joined(motions, supports)
@@ -69,8 +70,11 @@ def assemble(
     mu = {support.name: support.mu for support in supports}
     contacts = contacts_of(course, hand, np.array([mu[name] for name in support_names]), np.array(world.scene.gravity))
     f = forces(contacts, margins, loads)
+    lacks: tuple[str, ...] = ()
     if isinstance(f, Failure):
-        return f
+        if complete:
+            return f
+        f, lacks = np.zeros((*contacts.p_W.shape[:3], 3)), (f"without forces: {f}",)
     k, names = len(world.agents), tuple(agent.name for agent in world.agents)
     owner = np.repeat(np.arange(k), [len(agent.qpos) for agent in world.agents])
     speeds = np.concatenate([agent.speed for agent in world.agents])
@@ -106,8 +110,8 @@ def assemble(
         seed=seed,
         settings=dataclasses.asdict(settings),
         versions=versions(),
-        feasible=all(not motion.violations for motion in motions),
-        remarks=remarks(contacts, f, margins, names),
+        feasible=complete,
+        remarks=lacks or remarks(contacts, f, margins, names),
     )
 
 

@@ -230,7 +230,10 @@ def anneal(
     stop: Callable[[AnnealingState[Codes]], bool] = lambda _: False,
     elapsed: Callable[[], float] = lambda: 0.0,
 ) -> Result[Codes]:
-    """`search.annealing.anneal` of contact motions, in compiled blocks: `stop` and `elapsed` are asked once a block."""
+    """`search.annealing.anneal` of contact motions, in compiled blocks: `stop` and `elapsed` are asked once a block.
+
+    One block is made however little time there is.
+    """
     rises: list[Array] = []
     for done in range(0, settings.trials if settings.acceptance > 0.0 else 0, BLOCK):
         if elapsed() > 0.2:
@@ -240,7 +243,7 @@ def anneal(
     best, least = problem.snapshot(), problem.energy()
     energies, best_energies = [np.array([least])], [np.array([least])]
     done = 0
-    while done < settings.iterations and (passed := elapsed()) < 1.0:
+    while done < settings.iterations and ((passed := elapsed()) < 1.0 or done == 0):
         if stop(AnnealingState(done, start, problem.energy(), least, best)):
             break
         block = range(done, min(done + BLOCK, settings.iterations))

@@ -1,6 +1,8 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
-from collections.abc import Callable
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,11 +31,13 @@ THOROUGH = 32  # candidates that a relocation of an old V compares
 class LocalPlanner:
     """Settings of the local planner.
 
-    attempts: annealing runs on an arc before it counts as failed. warm: `annealing.acceptance` of a run that starts from
-    an old V: low, so that what is good in it is kept.
+    attempts: annealing runs on an arc before it counts as failed. threads: that make them side by side, 0 for as many as there
+    are cores; the result does not depend on it. warm: `annealing.acceptance` of a run that starts from an old V: low, so that
+    what is good in it is kept.
     """
 
     attempts: int = 3
+    threads: int = 0
     warm: float = 0.02
     annealing: Annealing = field(default_factory=Annealing)
     energy: Energy = field(default_factory=Energy)
@@ -62,11 +66,15 @@ def random_motions(n: int, k: int, candidates: int, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class ArcResult:
-    """A planned arc: its motion, the grasp at its end, the history of E(V)."""
+    """The best motion found on an arc, the grasp at its end, the history of E(V).
+
+    failure: which constraint the motion breaks, where, for whom; None where it breaks none.
+    """
 
     motion: Motion
     grasp: Grasp
     energy: NDArray[np.float64]
+    failure: Failure | None
 
 
 def resumed(
@@ -84,47 +92,53 @@ def resumed(
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
     report: Report, stage: str, clock: Clock, parts: int, warm: NDArray[np.int8] | None = None,
-) -> ArcResult | Failure:  # fmt: skip
-    """Contact motions along one nominal path from the grasp at its start, or which constraint failed, where, for whom.
+) -> ArcResult:  # fmt: skip
+    """Contact motions along one nominal path from the grasp at its start.
 
-    Each annealing run has one of `parts` equal parts of the time then left. The first starts from the V `warm` (n, k), if
-    there is one, and not as hot as the others.
+    Each annealing run has one of `parts` equal parts of the time then left, and numbers of its own to draw. Runs go side by
+    side, and the first of them, in their order, that breaks no constraint counts: so the result does not depend on how many
+    threads there are. The first run starts from the V `warm` (n, k), if there is one, and not as hot as the others.
     """
-    terms = terms_of(hand, settings)
-    scan = new_scan(hand, path, settings.relocation)
-    n, k = len(path.R_WO), len(names)
-    history: list[NDArray[np.float64]] = []
-    worst: Motion | None = None
-    for attempt in range(settings.attempts):
-        if attempt > 0 and clock.up():
-            break
-        annealing = settings.annealing
-        if warm is not None and attempt == 0:
+    done = threading.Event()
+
+    def search(run: int, rng: np.random.Generator) -> ArcResult | None:
+        if run > 0 and (done.is_set() or clock.up()):
+            return None
+        annealing, terms, scan = settings.annealing, terms_of(hand, settings), new_scan(hand, path, settings.relocation)
+        if warm is not None and run == 0:
             annealing = replace(annealing, acceptance=min(settings.warm, annealing.acceptance))
             problem = resumed(hand, path, scan, terms, start, warm, rng)
         else:
-            problem = ContactMotions(hand, path, scan, terms, start, random_motions(n, k, len(scan.p_O), rng))
-        watch = watcher(report, stage, annealing.iterations)
+            V = random_motions(len(path.R_WO), len(names), len(scan.p_O), rng)
+            problem = ContactMotions(hand, path, scan, terms, start, V)
+
+        def watch(state: AnnealingState[Codes]) -> bool:
+            if run == waited[0]:
+                report(Progress(stage, state.iteration, annealing.iterations, state.energy, state.best_energy))
+            return done.is_set()
+
         result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
-        history.append(np.asarray(result.energies))
         problem.reset(result.best)
         motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
-        if not motion.violations:
-            return ArcResult(motion, problem.grasp(n), np.concatenate(history))
-        if worst is None or len(motion.violations) < len(worst.violations):
-            worst = motion
-    assert worst is not None
-    return failure_of(worst, stage, n)
+        failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
+        return ArcResult(motion, problem.grasp(len(path.R_WO)), np.asarray(result.energies), failure)
 
-
-def watcher(report: Report, stage: str, total: int) -> Callable[[AnnealingState[Codes]], bool]:
-    """The annealing's hook: tells its state as Progress of this stage, never stops it."""
-
-    def tell(state: AnnealingState[Codes]) -> bool:
-        report(Progress(stage, state.iteration, total, state.energy, state.best_energy))
-        return False
-
-    return tell
+    rngs, waited = rng.spawn(settings.attempts), [0]
+    results: list[ArcResult] = []
+    with ThreadPoolExecutor(settings.threads or os.cpu_count()) as pool:
+        try:
+            runs = [pool.submit(search, run, mine) for run, mine in enumerate(rngs)]
+            for run in runs:
+                result = run.result()
+                waited[0] += 1
+                if result is not None:
+                    results.append(result)
+                    if result.failure is None:
+                        break
+        finally:
+            done.set()
+    best = min(results, key=lambda result: len(result.motion.violations))
+    return replace(best, energy=np.concatenate([result.energy for result in results]))
 
 
 REMEDIES = {

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.plan import Plan
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
@@ -35,7 +36,8 @@ class Settings:
     turn: rad, and travel: parts of the object's radius, that the object moves in one interval at most.
     arcs: local planning runs before the whole is given up. patience: failures from one subgoal before all begins anew.
     time_limit: s, 0 for none. The annealing runs share what is left of it and cool by the clock, so that they are cold
-    in time, and the best V so far counts; a run without a complete plan by then fails. Compilation counts too.
+    in time, and the best V so far counts; a run without a complete plan by then fails and returns the best so far, which is
+    not feasible. Compilation counts too.
     """
 
     intervals: int = 30
@@ -152,10 +154,10 @@ def check_ends(task: Task) -> Failure | None:
 def plan_pieces(
     task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report,
     clock: Clock, later: int, warm: NDArray[np.int8] | None = None,
-) -> tuple[list[Segment], Grasp] | Failure:  # fmt: skip
+) -> tuple[list[Segment], Grasp, Failure | None]:  # fmt: skip
     """Local plans of consecutive pieces of an arc, each from where the one before ends; `later` more arcs follow.
 
-    warm: the V to start from, of all pieces one after the other.
+    warm: the V to start from, of all pieces one after the other. The segments end with the first that fails.
     """
     ends = np.cumsum([len(path.R_WO) for path in pieces])[:-1]
     warms = [None] * len(pieces) if warm is None else np.split(warm, ends)
@@ -164,11 +166,11 @@ def plan_pieces(
         stage = f"segment {first + len(planned) + 1}"
         parts = len(pieces) - len(planned) + later
         result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts, V)
-        if isinstance(result, Failure):
-            return result
         planned.append(Segment(result.motion, result.energy))
         grasp = result.grasp
-    return planned, grasp
+        if result.failure:
+            return planned, grasp, result.failure
+    return planned, grasp, None
 
 
 def out_of_time(limit: float, done: int, last: Failure | None) -> Failure:
@@ -183,8 +185,8 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     """Plan a scene: the loop of the paper's Fig. 1.
 
     The global planner gives a route of subgoals; the local planner plans its first arc from the grasp at hand; where it
-    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan, unless the time is
-    limited.
+    fails, the arc's cost goes up and the next route may differ. The same seed gives the same plan on any number of threads,
+    unless the time is limited.
     """
     clock = start_clock(settings.time_limit)
     report = progress or (lambda _: None)
@@ -200,12 +202,13 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
         return Outcome(None, failure)
     here, grasp, stuck = task.router.grid.start, None, 0
     segments: list[Segment] = []
-    subgoals: list[Pose] = [task.router.grid.start_pose]
+    broken: list[Segment] = []
     for attempt in range(settings.arcs):
         report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
-        route = task.router.route(here, clock.up)
-        if clock.up():
-            return Outcome(None, out_of_time(settings.time_limit, len(segments), failure))
+        # A first arc is planned however little time there is, so that there is something to show.
+        route = task.router.route(here, clock.up if attempt > 0 else lambda: False)
+        if attempt > 0 and clock.up():
+            break
         if isinstance(route, Failure):
             return Outcome(None, failure or route)
         pieces = arc_path(task, here, route[1])
@@ -214,23 +217,43 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
             if isinstance(grasp_or, Failure):
                 return Outcome(None, grasp_or)
             grasp = grasp_or
-        result = plan_pieces(task, pieces, grasp, len(segments), rng, report, clock, len(route) - 2)
-        if isinstance(result, Failure):
-            failure, stuck = result, stuck + 1
+        planned, end, failed = plan_pieces(task, pieces, grasp, len(segments), rng, report, clock, len(route) - 2)
+        if failed:
+            failure, stuck = failed, stuck + 1
+            broken = segments + planned
             task.router.failed(here, route[1])
             if stuck == settings.patience:
                 # The grasp at hand leads nowhere: begin again with another one, and with what the arcs have taught.
-                here, grasp, stuck = task.router.grid.start, None, 0
-                segments, subgoals = [], [task.router.grid.start_pose]
+                here, grasp, stuck, segments = task.router.grid.start, None, 0, []
             continue
-        (planned, grasp), stuck = result, 0
+        grasp, stuck = end, 0
         segments += planned
-        subgoals += [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in planned]
         here = route[1]
         if here == task.router.grid.goal:
-            plan = assemble(
-                task.world, task.hand, segments, subgoals, task.supports, settings.local.energy.margins,
-                settings.loads, settings.timing, seed, settings,
-            )  # fmt: skip
+            plan = plan_of(task, segments, seed, True)
             return Outcome(None, plan) if isinstance(plan, Failure) else Outcome(plan, None)
-    return Outcome(None, out_of_time(settings.time_limit, len(segments), failure) if clock.up() else failure)
+    if not clock.up():
+        return Outcome(None, failure)
+    return Outcome(best_so_far(task, segments, broken, seed), out_of_time(settings.time_limit, len(segments), failure))
+
+
+def plan_of(task: Task, segments: list[Segment], seed: int, complete: bool) -> Plan | Failure:
+    """The plan of these segments, or why no forces carry it."""
+    s = task.settings
+    subgoals = [task.router.grid.start_pose, *(end_pose(segment) for segment in segments)]
+    return assemble(
+        task.world, task.hand, segments, subgoals, task.supports, s.local.energy.margins, s.loads, s.timing, seed, s,
+        complete,
+    )  # fmt: skip
+
+
+def end_pose(segment: Segment) -> Pose:
+    """The object's pose at the end of a segment."""
+    path = segment.motion.path
+    return path.R_WO[-1, -1], path.p_WO[-1, -1]
+
+
+def best_so_far(task: Task, segments: list[Segment], broken: list[Segment], seed: int) -> Plan | None:
+    """What there is when the time is up: the segments that got furthest, with the failed ones after them, not feasible."""
+    found = plan_of(task, max(segments, broken, key=len), seed, False)
+    return None if isinstance(found, Failure) else found

@@ -41,7 +41,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of planning: exactly one of `plan` and `failure` is given."""
+    """The result of planning: a feasible plan, or a failure; with one for lack of time also the best plan so far."""
 
     plan: Plan | None
     failure: Failure | None

@@ -157,7 +157,7 @@ class Replanner:
         local, planner = task.settings.local, task.settings
         plan = assemble(
             replace(task.world, scene=scene), task.hand, segments, [X_WO, *passed], task.supports, local.energy.margins,
-            planner.loads, planner.timing, self._seed, planner,
+            planner.loads, planner.timing, self._seed, planner, True,
         )  # fmt: skip
         return plan if isinstance(plan, Failure) else replace(plan, time=plan.time + t)
 
@@ -202,9 +202,9 @@ class Replanner:
                 task, pieces, grasp, len(segments), self._rng, lambda _: None, clock, len(subgoals) - a - 1,
                 resampled(warm, n) if len(warm) else None,
             )  # fmt: skip
-            if isinstance(found, Failure):
-                return found
-            planned, grasp = found
+            planned, grasp, failure = found
+            if failure:
+                return failure
             segments += planned
             X_WO = subgoal
         return segments, [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in segments]

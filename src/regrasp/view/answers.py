@@ -14,10 +14,13 @@ def plan(answer: dict[str, Any]) -> None:
     if "plan" not in answer:
         return
     motions = ", ".join(f"{count} {name}" for name, count in answer["motions"].items())
+    found = ", ".join(f"{a} of {b}" for a, b in zip(answer["found_after"], answer["evaluations"], strict=True))
     print(
         f"{answer['plan']}: {answer['intervals']} intervals, {len(answer['agents'])} agents, "
-        f"{answer['duration']:.3g} s of motion, energy {answer['energy']:.4g}; "
+        f"{answer['duration']:.3g} s of motion, energy {answer['energy']:.4g}, "
+        f"{'feasible' if answer['feasible'] else 'NOT feasible'}; "
         f"planned in {answer['seconds']:.2f} s with seed {answer['seed']}\n"
+        f"best V of each segment found after: {found} evaluations\n"
         f"contact motions: {motions}"
     )
     for remark in answer["remarks"]:
