@@ -20,7 +20,7 @@ from numba.core.runtime import rtsys
 from regrasp.planner.outcome import Progress, Report
 
 TRIED = "0.68."
-"""The numba whose caches `Lean` and `Stored` know; with any other, kernels load as numba does it, which takes a second longer."""
+"""The numba whose caches `Lean` and `Stored` know; with any other, kernels load as numba does it, a second slower."""
 
 COMPILING = "compiling the kernels, once, which takes minutes"
 """The stage that is told."""
