@@ -123,9 +123,9 @@ def test_a_grasp_given_by_joints_has_these_joints() -> None:
 def test_an_unreachable_point_names_its_agent() -> None:
     names = arc("fig3-puma3").task.names
     points = [[0.045, 0, 0], [-0.02, 0.03, 0], [-0.02, -0.03, 0]]
-    _, failure = given([{"agent": n, "point": p} for n, p in zip(names, points, strict=True)], [0.4, 0.0, 0.4])
+    _, failure = given([{"agent": n, "point": p} for n, p in zip(names, points, strict=True)], [0.3, 0.0, 0.4])
     assert isinstance(failure, Failure)
     assert failure.constraint == "reach"
-    assert failure.agent == names[1]  # the object stands beyond finger1, which reaches its own point
+    assert failure.agent == names[1]  # the object stands over finger1, which reaches its own point
     assert "start.grasp" in failure.where
     assert "\n" not in str(failure)
