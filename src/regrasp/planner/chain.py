@@ -16,10 +16,10 @@ from regrasp.planner.energy import Shortcuts, Terms, Work, evaluate, make_room, 
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import choose
+from regrasp.planner.relocation import choose, hopeless
 from regrasp.planner.scan import Scan
 from regrasp.planner.state import State, copy_intervals, new_state
-from regrasp.search.annealing import Result, Settings, temperature, temperature_of
+from regrasp.search.annealing import Result, Settings, temperature_of
 from regrasp.search.annealing import State as AnnealingState
 
 Array = NDArray[np.float64]
@@ -35,19 +35,13 @@ BLOCK = 100  # moves between two looks at the clock
 
 @njit(cache=True, nogil=True)
 def propose(
-    hand: Hand,
-    path: Path,
-    scan: Scan,
-    terms: Terms,
-    found: Configurations,
-    work: Work,
-    cur: State,
-    u: Array,
-    new: State,
-) -> tuple[int, int, int]:
+    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, u: Array,
+    bound: float, new: State,
+) -> tuple[int, int, int]:  # fmt: skip
     """new.V: one agent does another motion over a run of intervals, or a change of motion moves to another time.
 
-    u (DRAWS + sample,): uniform on [0, 1). Returns (agent, first and last interval of the change).
+    u (DRAWS + sample,): uniform on [0, 1). Returns (agent, first and last interval of the change), or −1 for the agent where
+    it should relocate and E would exceed the bound wherever it went.
     """
     n, k = cur.V.shape
     for j in range(n):
@@ -69,6 +63,8 @@ def propose(
                 left -= 1
             to = min(max(whole(j - SHIFT + u[1] * (2 * SHIFT + 1)), 0), n - 1)
             around = cur.V[j - 1 if j > 0 and (u[3] < 0.5 or j == n - 1) else min(j + 1, n - 1), i]
+            if hopeless(hand, path, terms, found, work, cur, min(j, to), to, i, bound):
+                return whole(-1), to, to
             new.V[j, i] = around if around < ONTO else STAY
             new.V[to, i] = ONTO + choose(hand, path, scan, terms, found, work, cur, to, i, u[DRAWS:])
             return i, min(j, to), max(j, to)
@@ -82,6 +78,8 @@ def propose(
             return i, first, final
     code, final = whole(u[5] * MOTION_COUNT), first
     if code == RELOCATE:
+        if hopeless(hand, path, terms, found, work, cur, first, first, i, bound):
+            return whole(-1), first, first
         code = ONTO + choose(hand, path, scan, terms, found, work, cur, first, i, u[DRAWS:])
     elif u[6] < RUN:
         final = min(n - 1, first + whole(u[7] * n))
@@ -92,18 +90,24 @@ def propose(
 @njit(cache=True, nogil=True)
 def metropolis(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
-    u: Array, T: Array, E: float, best_E: float, best: Codes, energies: Array, best_energies: Array,
+    u: Array, start: float, cooled: float, first_move: int, moves: int, elapsed: float,
+    E: float, best_E: float, best: Codes, energies: Array, best_energies: Array,
 ) -> tuple[float, float]:  # fmt: skip
-    """len(T) Metropolis moves from cur, whose energy is E: (E, the least E met).
+    """len(u) Metropolis moves from cur, whose energy is E: (E, the least E met).
 
-    u (len(T), DRAWS + sample + 1): uniform on [0, 1), the last of each row for the threshold; T: temperatures. best: the V of
-    the least energy, in and out; energies, best_energies: after every move, out.
+    u (len(u), DRAWS + sample + 1): uniform on [0, 1), the last of each row for the threshold. The moves are first_move … of
+    `moves`, at temperatures from `start` down to `cooled` of it (`search.annealing.temperature`). best: the V of the least
+    energy, in and out; energies, best_energies: after every move, out.
     """
-    for r in range(len(T)):
+    for r in range(len(u)):
         make_room(hand, path, scan, terms, found, work, cur)
-        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :-1], new)
-        bound = E - T[r] * math.log(1.0 - u[r, -1])
-        value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
+        done = (first_move + r) / max(moves - 1, 1)
+        bound = E - start * math.pow(cooled, max(elapsed, done)) * math.log(1.0 - u[r, -1])
+        limit = bound if work.shortcuts.bound else np.inf
+        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :-1], limit, new)
+        value, last = np.inf, first
+        if i >= 0:
+            value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
         if value <= bound:
             copy_intervals(new, cur, first, last)
             E = value
@@ -123,7 +127,7 @@ def descend(
     count = 0
     for r in range(len(u)):
         make_room(hand, path, scan, terms, found, work, cur)
-        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r], new)
+        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r], np.inf, new)
         value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, np.inf, cur, new)
         if value <= E:
             copy_intervals(new, cur, first, last)
@@ -179,7 +183,7 @@ class ContactMotions:
     def propose(self, rng: np.random.Generator) -> Change:
         """A random move (`propose`)."""
         make_room(*self.model, self.current)
-        move = propose(*self.model, self.current, rng.random(self.draws), self.trial)
+        move = propose(*self.model, self.current, rng.random(self.draws), np.inf, self.trial)
         return Change(self.trial.V.copy(), *move)
 
     def evaluate(self, move: Change, bound: float) -> float:
@@ -213,13 +217,20 @@ class ContactMotions:
         self._energy, found = descend(*self.model, self.current, self.trial, u, self._energy, rises)
         return rises[:found]
 
-    def moves(self, T: Array, best: Codes, best_energy: float, rng: np.random.Generator) -> tuple[float, Array, Array]:
-        """Metropolis moves at the temperatures T: (least energy, energies, least energies so far); best: in and out."""
-        energies, best_energies = np.empty(len(T)), np.empty(len(T))
-        u = rng.random((len(T), self.draws + 1))
+    def moves(
+        self, settings: Settings, start: float, first: int, count: int, elapsed: float,
+        best: Codes, best_energy: float, rng: np.random.Generator,
+    ) -> tuple[float, Array, Array]:  # fmt: skip
+        """Metropolis moves first … first + count − 1 of the schedule: (least energy, energies, least energies so far).
+
+        best: the V of the least energy, in and out.
+        """
+        energies, best_energies = np.empty(count), np.empty(count)
+        u = rng.random((count, self.draws + 1))
         self._energy, best_energy = metropolis(
-            *self.model, self.current, self.trial, u, T, self._energy, best_energy, best, energies, best_energies
-        )
+            *self.model, self.current, self.trial, u, start, settings.final, first, settings.iterations, elapsed,
+            self._energy, best_energy, best, energies, best_energies,
+        )  # fmt: skip
         return best_energy, energies, best_energies
 
 
@@ -246,10 +257,9 @@ def anneal(
     while done < settings.iterations and ((passed := elapsed()) < 1.0 or done == 0):
         if stop(AnnealingState(done, start, problem.energy(), least, best)):
             break
-        block = range(done, min(done + BLOCK, settings.iterations))
-        T = np.array([temperature(settings, start, iteration, passed) for iteration in block])
-        least, *history = problem.moves(T, best, least, rng)
+        count = min(BLOCK, settings.iterations - done)
+        least, *history = problem.moves(settings, start, done, count, passed, best, least, rng)
         energies.append(history[0])
         best_energies.append(history[1])
-        done = block.stop
+        done += count
     return Result(best, least, start, np.concatenate(energies), np.concatenate(best_energies))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import multiply_back, rotate_back
-from regrasp.kernels.surfaces import project, tangents
+from regrasp.kernels.rotations import cross, multiply_back, rotate_back, triple, unit
+from regrasp.kernels.surfaces import field, frame
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
@@ -149,12 +149,11 @@ def add(found: Configurations) -> int:
 @njit(cache=True, nogil=True)
 def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
     """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of configuration c."""
-    foot = np.empty(3)
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
     place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
     found.own[c] = UNKNOWN
     if found.holds[c]:
-        project(hand.kind_O, hand.size_O, found.p_OC[c], foot, found.n_O[c])
+        normal_at(hand, found.p_OC[c], found.n_O[c])
 
 
 @njit(cache=True, nogil=True)
@@ -198,36 +197,40 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
+    """n_O = the object's outward normal at the point p_O of its surface."""
+    _, slope = field(hand.kind_O, hand.size_O, p_O)
+    n_O[0], n_O[1], n_O[2] = unit(slope)
+
+
+@njit(cache=True, nogil=True)
 def follow_contact(
     hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int
 ) -> int:
     """Agent i in contact through interval j: contact motion, joint angles, bodies, normals at its end."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    x, y, foot = np.empty(3), np.empty(3), np.empty(3)
     there = add(found)
     found.holds[there] = 1
-    q, n, n_end = found.q[there], found.n_O[here], found.n_O[there]
+    q, n_end, x = found.q[there], found.n_O[there], np.empty(3)
     for a in range(n_a):
         q[a] = found.q[here, a]
     for a in range(3):
         found.p_OC[there, a], found.p_TC[there, a] = found.p_OC[here, a], found.p_TC[here, a]
         for b in range(3):
             found.R_OT[there, a, b] = found.R_OT[here, a, b]
-    tangents(n, x, y)
+    (x[0], x[1], x[2]), y = frame(triple(found.n_O[here]))
     slides = is_sliding(code)
     if slides:
         slide_direction(code, x, y, found.t_O[there, 0])
     fine = follow(
-        hand, path, command, j, i, found.p_OC[there], found.p_TC[there], found.R_OT[there], x, q[:n_a],
+        hand, path, command, j, i, found.q[here, :n_a], found.p_OC[there], found.p_TC[there], found.R_OT[there], x, q[:n_a],
         found.R_WL[: n_a + 1], found.p_WL[: n_a + 1],
     )  # fmt: skip
     found.lost[there] = 0 if fine else 1
     place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[there], found.p_WG[there])
-    project(hand.kind_O, hand.size_O, found.p_OC[there], foot, n_end)
+    normal_at(hand, found.p_OC[there], n_end)
     if slides:
-        for a in range(3):
-            y[a] = n_end[(a + 1) % 3] * x[(a + 2) % 3] - n_end[(a + 2) % 3] * x[(a + 1) % 3]
-        slide_direction(code, x, y, found.t_O[there, 1])
+        slide_direction(code, x, cross(n_end, x), found.t_O[there, 1])
     return there
 
 

@@ -11,7 +11,7 @@ from regrasp.kernels.contact import advance
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
-from regrasp.kernels.surfaces import project, tangents
+from regrasp.kernels.surfaces import project
 from regrasp.kernels.wrist import NONE, solve_near
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
 SUBSTEPS = cast(
-    int, np.int64(2)
-)  # of the contact equations in one interval: good to 0.5 µm on a tip's way of some millimetres
+    int, np.int64(1)
+)  # of the contact equations in one interval: good to 1 µm on a tip's way of some millimetres
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGILE = 4.0  # rad per rad
@@ -32,14 +32,11 @@ JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularit
 @njit(cache=True, nogil=True)
 def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, R_WT: Array, p_WT: Array) -> None:
     """Pose of the tip that puts its point p_TC onto the object's point p_OC: X_WT = X_WO (R_OT, p_OC − R_OT p_TC)."""
-    r = np.empty(3)
-    rotate(R_OT, p_TC, r)
-    for a in range(3):
-        r[a] = p_OC[a] - r[a]
     multiply(R_WO, R_OT, R_WT)
-    rotate(R_WO, r, p_WT)
     for a in range(3):
-        p_WT[a] += p_WO[a]
+        p_WT[a] = p_WO[a]
+        for b in range(3):
+            p_WT[a] += R_WO[a, b] * p_OC[b] - R_WT[a, b] * p_TC[b]
 
 
 @njit(cache=True, nogil=True)
@@ -126,13 +123,15 @@ def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Arr
 
 @njit(cache=True, nogil=True)
 def reach_tip(
-    hand: Hand, path: Path, j: int, s: int, i: int,
+    hand: Hand, path: Path, j: int, s: int, i: int, before: Array,
     p_OC: Array, p_TC: Array, R_OT: Array, q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """Joint angles q (in: seed) of a six-joint agent that hold the contact at sample s of interval j; link frames too."""
+    """Joint angles q (in: seed) of a six-joint agent that hold the contact at sample s of interval j; link frames too.
+
+    Returns whether they are reached without a jump from the joints `before`.
+    """
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
     tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
-    before = q.copy()
     if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
         return False
     furthest = 0.0
@@ -234,22 +233,19 @@ def object_step(path: Path, j: int, s: int, turn: Array, shift: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def follow(
-    hand: Hand, path: Path, command: Array, j: int, i: int,
+    hand: Hand, path: Path, command: Array, j: int, i: int, before: Array,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """Take agent i in contact through interval j with one contact motion; all arrays in and out.
+    """Take agent i in contact through interval j with one contact motion; all arrays after `before` in and out.
 
-    command (4,): ω_x, ω_y, v_x, v_y over the interval in C. Returns whether the workspace condition holds: the end is
-    reached within the joint limits and without a jump. The contact moves on even where the joints can't follow.
+    command (4,): ω_x, ω_y, v_x, v_y over the interval in C, whose x axis is x_O (`tangents`) at the start; before: the joints
+    there, as q is. Returns whether the workspace condition holds: the end is reached within the joint limits and without a
+    jump. The contact moves on even where the joints can't follow.
     """
     m = path.R_WO.shape[1] - 1
-    n = np.empty(3)
-    y, foot = np.empty(3), np.empty(3)
-    project(hand.kind_O, hand.size_O, p_OC, foot, n)
-    tangents(n, x_O, y)
     if is_full(hand, i):
         advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], command, SUBSTEPS, p_OC, p_TC, R_OT, x_O)
-        return reach_tip(hand, path, j, m, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+        return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL)
     fine = True
     step = command / m
     for s in range(m):

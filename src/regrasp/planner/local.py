@@ -1,8 +1,9 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
+import math
 import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,7 +98,7 @@ def plan_arc(
 
     Each annealing run has one of `parts` equal parts of the time then left, and numbers of its own to draw. Runs go side by
     side, and the first of them, in their order, that breaks no constraint counts: so the result does not depend on how many
-    threads there are. The first run starts from the V `warm` (n, k), if there is one, and not as hot as the others.
+    threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if there is one, and not as hot as the others.
     """
     done = threading.Event()
 
@@ -128,7 +129,7 @@ def plan_arc(
     with ThreadPoolExecutor(settings.threads or os.cpu_count()) as pool:
         try:
             runs = [pool.submit(search, run, mine) for run, mine in enumerate(rngs)]
-            for run in runs:
+            for run in runs if clock.end == math.inf else as_completed(runs):
                 result = run.result()
                 waited[0] += 1
                 if result is not None:

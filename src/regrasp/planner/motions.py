@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.rotations import Vector
+
 Array = NDArray[np.float64]
 
 STAY = 0
@@ -31,7 +33,7 @@ def is_sliding(code: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def slide_direction(code: int, x: Array, y: Array, t: Array) -> None:
+def slide_direction(code: int, x: Vector, y: Vector, t: Array) -> None:
     """t = the direction in which a sliding tip moves over the object, and so of its friction on the object."""
     for a in range(3):
         along = x[a] if code <= SLIDE_MINUS_X else y[a]

@@ -10,16 +10,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.planner.configurations import Configurations, standing
-from regrasp.planner.energy import Terms, Work, sum_of_forces
+from regrasp.planner.energy import Terms, Work, interval_energy, sum_of_forces
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import RELOCATE, STAY, whole
+from regrasp.planner.motions import RELOCATE, STAY, is_sliding, whole
 from regrasp.planner.path import Path
 from regrasp.planner.scan import Scan, outlook_of
 from regrasp.planner.state import State
+from regrasp.planner.supports import STICK
 
 Array = NDArray[np.float64]
 
-NEIGHBOURS = 8  # candidates after one that is barred that are asked in its stead
+NEIGHBOURS = 4  # candidates after one that is barred that are asked in its stead
 
 
 @njit(cache=True, nogil=True)
@@ -40,6 +41,45 @@ def indispensable(hand: Hand, path: Path, terms: Terms, found: Configurations, w
 
 
 @njit(cache=True, nogil=True)
+def others_bear(found: Configurations, work: Work, state: State, j: int, i: int) -> None:
+    """Tell `sum_of_forces` that all agents but i do in interval j what the state says, and i bears no force."""
+    for a in range(len(work.bears)):
+        work.codes[a] = state.V[j, a]
+        work.here[a], work.there[a] = state.at[j, a], state.at[j + 1, a]
+        work.bears[a] = 1 if a != i and state.V[j, a] < RELOCATE and found.holds[state.at[j, a]] else 0
+
+
+@njit(cache=True, nogil=True)
+def hopeless(
+    hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, state: State, first: int, j: int, i: int,
+    bound: float,
+) -> bool:  # fmt: skip
+    """Whether E exceeds the bound wherever agent i goes in interval j: what the others can't hold alone is known before.
+
+    first: the first interval that the relocation changes.
+    """
+    if bound == np.inf:
+        return False
+    limit, least, stick = bound + 1e-9 * (1.0 + abs(bound)), 0.0, 0
+    for before in range(first):
+        least += interval_energy(terms, state, before)
+    others_bear(found, work, state, j, i)
+    for a in range(len(work.bears)):
+        if work.bears[a] and not is_sliding(whole(work.codes[a])):
+            stick += 1
+    for column in range(path.support_mode.shape[1]):
+        if path.support_mode[j, column] == STICK:
+            stick += 1
+    least += terms.stability * max(0, hand.needed - stick)
+    if least > limit:
+        return True
+    for end in range(2):
+        if sum_of_forces(hand, path, terms, found, work, j, whole(end)) == np.inf:
+            return bool(least + terms.equilibrium > limit)
+    return False
+
+
+@njit(cache=True, nogil=True)
 def objective(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, state: State, j: int, i: int,
     candidate: int, there: int, bound: float,
@@ -52,10 +92,7 @@ def objective(
     the agents that could not be relocated from there; a contact that is about to leave the agent's reach would have to be
     relocated again at once, and others wait for their turn.
     """
-    for a in range(len(work.bears)):
-        work.codes[a] = state.V[j, a]
-        work.here[a], work.there[a] = state.at[j, a], state.at[j + 1, a]
-        work.bears[a] = 1 if state.V[j, a] < RELOCATE and found.holds[state.at[j, a]] else 0
+    others_bear(found, work, state, j, i)
     work.codes[i], work.there[i], work.bears[i] = STAY, there, 1
     value = sum_of_forces(hand, path, terms, found, work, j, whole(1))
     if value >= bound:
