@@ -8,9 +8,10 @@ from arcs import Arc, Oracle, arc, height
 
 from regrasp.kernels.chains import forward, jacobian
 from regrasp.planner.follow import AGILE, is_agile, is_full, turns_little
-from regrasp.planner.motion import Motion, trace_contact
+from regrasp.planner.motion import Motion
 from regrasp.planner.motions import SLIDE_MINUS_Y, SLIDE_X
 from regrasp.planner.path import nominal_path
+from regrasp.planner.trace import trace_contact
 
 
 @dataclasses.dataclass(frozen=True)

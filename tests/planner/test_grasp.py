@@ -5,6 +5,7 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
+from regrasp.kernels.inverse import inverse_point
 from regrasp.planner.method import arc_path, first_grasp, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.scene.load import load
@@ -94,6 +95,17 @@ def test_a_grasp_given_by_points_touches_there() -> None:
         centre = R.T @ (oracle.tip(i)[1] - p)
         assert height(a, centre) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
         assert np.linalg.norm(centre - points[i]) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
+
+
+@pytest.mark.xfail(strict=True, reason="given_grasp tries four exact directions of an arm's tool and no others")
+def test_a_given_point_within_reach_is_touched_however_the_tool_has_to_point() -> None:
+    """The finger stands under the object and reaches the point with its tool 31° off the normal, not nearer."""
+    a, grasp = given([{"agent": "finger1", "point": [0.045, 0, 0]}], [0.4, 0.0, 0.4])
+    target = np.array([0.4, 0.0, 0.4]) + [0.045 + a.hand.size_T[0, 0], 0.0, 0.0]
+    q, R, p = a.hand.home[:6].copy(), np.empty((7, 3, 3)), np.empty((7, 3))
+    residual, _ = inverse_point(a.hand.chains, 0, target, a.hand.axis_T[0], np.array([-1.0, 0.0, 0.0]), q, R, p)
+    assert residual < 1e-9
+    assert not isinstance(grasp, Failure), str(grasp)
 
 
 def test_points_off_the_surface_are_taken_to_it() -> None:
