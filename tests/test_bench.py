@@ -41,6 +41,22 @@ def test_a_search_counts_its_evaluations_and_is_the_same_for_the_same_seed(paper
     assert (cold.evaluations, cold.before) == (50, first.before)
 
 
+@pytest.mark.parametrize("moves", [
+    "the planner's",
+    pytest.param("one entry", marks=pytest.mark.xfail(strict=True, reason="SingleEntries.propose makes no room")),
+])  # fmt: skip
+def test_proposals_make_room_for_their_evaluation(paper_job, moves):
+    """Searches of any length stay within the configurations that are kept."""
+    hand, local = paper_job.task.hand, paper_job.task.settings.local
+    scan = bench.new_scan(hand, paper_job.path, local.relocation)
+    V = paper_job.random_start(0)
+    problem = bench.MOVES[moves](hand, paper_job.path, scan, bench.terms_of(hand, local), paper_job.grasp, V)
+    full = len(problem.found.q)
+    problem.found.used[0] = full - 20  # one proposal more, and none of its evaluation
+    problem.propose(np.random.default_rng(0))
+    assert problem.found.used[0] < full - V.size
+
+
 def test_comparison_counts_ends_and_tests_pairs():
     downhill = [run(10.0 + a % 3, a) for a in range(8)]
     row = bench.comparison(downhill, [run(9.0) for _ in range(8)])

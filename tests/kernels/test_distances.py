@@ -5,10 +5,12 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, PLANE, POINT, SEGMENT, support
-from regrasp.kernels.distances import bounds_far, distance
+from regrasp.kernels.distances import bounds_far, boxes_far, distance
 
 KINDS = {"point": POINT, "segment": SEGMENT, "box": BOX, "cylinder": CYLINDER, "ellipsoid": ELLIPSOID, "plane": PLANE}
 SOLIDS = [k for k in KINDS if k != "plane"]
@@ -230,3 +232,33 @@ def test_bounding_balls() -> None:
     assert bounds_far(p, 1.0, q, 2.0, 1.999)
     assert not bounds_far(p, 1.0, q, 2.0, 2.001)
     assert not bounds_far(p, np.inf, q, 2.0, 0.0)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.sampled_from(SOLIDS), st.sampled_from(SOLIDS), st.integers(0, 2**32 - 1), st.floats(0.0, 0.05), st.booleans())
+def test_bodies_whose_boxes_are_far_are_far(a: str, b: str, seed: int, limit: float, needle: bool) -> None:
+    """Of any kinds at any poses: what their boxes' axes say is true of the bodies; and of bodies that are √3 times as
+    far as their bounding balls they say it."""
+    rng = np.random.default_rng(seed)
+    A, B = body(rng, a, needle), body(rng, b, needle)
+    B, u = apart(rng, A, B, limit + rng.choice([-1e-3, -1e-9, 1e-9, 1e-3, 1e-2]))
+    true = d(A, B)
+    for one, other in ((A, B), (B, A)):
+        if boxes_far(*one[1:], *other[1:], limit):
+            assert true > limit - 1e-9
+        # Along one of three axes lies 1/√3 of any way at least.
+        way = np.sqrt(3.0) * (sum(np.linalg.norm(C[1]) + C[2] for C in (A, B)) + limit) + 1e-6
+        assert boxes_far(*one[1:], *moved(other, one[4] - other[4] + way * u)[1:], limit)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.05))
+def test_of_parallel_boxes_the_axes_tell_the_gap(seed: int, limit: float) -> None:
+    """Far is where the gap along an edge, at least, exceeds the limit, to the last few bits."""
+    rng = np.random.default_rng(seed)
+    A, B = body(rng, "box"), body(rng, "box")
+    B = (*B[:3], A[3], B[4])
+    gap = np.max(np.abs(A[3].T @ (B[4] - A[4])) - A[1] - B[1])
+    for offset in (-1e-3, -1e-12, 1e-12, 1e-3):
+        assert boxes_far(*A[1:], *B[1:], gap + offset) == (offset < 0.0)
+    assert boxes_far(*A[1:], *B[1:], limit) == (gap > limit)

@@ -7,9 +7,11 @@ import pytest
 from scipy.stats import wilcoxon
 
 from regrasp.bench.searches import SingleEntries, job
-from regrasp.planner.local import Change, terms_of
-from regrasp.planner.motions import MOTION_COUNT
-from regrasp.planner.relocation import new_scan
+from regrasp.planner.chain import Change
+from regrasp.planner.energy import make_room
+from regrasp.planner.local import terms_of
+from regrasp.planner.motions import ONTO, RELOCATE
+from regrasp.planner.scan import FREE, new_scan
 from regrasp.search.annealing import Settings, anneal
 
 STARTS, INTERVALS, EVALUATIONS = 30, 4, 4000
@@ -38,10 +40,16 @@ def test_downhill_ends_in_different_local_minima(searches):
     for cold, _ in searches:
         V = cold.snapshot()
         around = []
-        for j, i, code in np.ndindex(*V.shape, MOTION_COUNT):
-            other = V.copy()
-            other[j, i] = code
-            around.append(cold.evaluate(Change(other, j, j), math.inf))
+        scan = cold.model[2]
+        for j, i in np.ndindex(*V.shape):
+            # All motions but relocations, and all candidates that are known to be free.
+            for code in [c for c in range(ONTO) if c != RELOCATE] + list(
+                ONTO + np.flatnonzero(scan.status[i, j + 1] == FREE)
+            ):
+                other = V.copy()
+                other[j, i] = code
+                make_room(*cold.model, cold.current)
+                around.append(cold.evaluate(Change(other, i, j, j), math.inf))
         if min(around) >= cold.energy() - 1e-9:
             minima[V.tobytes()] = cold.energy()
     assert len(minima) > STARTS // 2

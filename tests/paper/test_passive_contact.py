@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from regrasp.planner.local import ContactMotions, anneal, random_motions, terms_of
+from regrasp.planner.chain import ContactMotions, anneal
+from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import Settings, arc_path, first_grasp, prepare
 from regrasp.planner.motions import OFF
-from regrasp.planner.relocation import new_scan
+from regrasp.planner.scan import new_scan
 from regrasp.scene.load import load
 
 
@@ -22,14 +23,14 @@ def test_one_finger_breaks_contact_and_two_hold_on_with_the_table() -> None:
     def problem(V: np.ndarray) -> ContactMotions:
         return ContactMotions(task.hand, path, scan, terms, grasp, V)
 
-    V = anneal(problem(random_motions(n, k, rng)), settings.local.annealing, rng).best
+    V = anneal(problem(random_motions(n, k, len(scan.p_O), rng)), settings.local.annealing, rng).best
     violations, supported = [], []
     for i in range(k):
         retired = V.copy()
         retired[n // 2 :, i] = OFF
-        state = problem(retired).current
-        violations.append(state.c.sum() + state.e.sum())
-        supported.append(state.holds[-1].sum() == k - 1)
+        end = problem(retired)
+        violations.append(end.current.c.sum() + end.current.e.sum())
+        supported.append(end.grasp(n).holds.sum() == k - 1)
     assert min(violations) == 0
     assert supported[int(np.argmin(violations))]
     assert np.all(path.support_mode > 0)

@@ -11,19 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from regrasp.planner.energy import Terms
-from regrasp.planner.grasp import Grasp
+from regrasp.planner.chain import ContactMotions
+from regrasp.planner.configurations import Grasp
+from regrasp.planner.energy import Shortcuts, Terms
 from regrasp.planner.hand import Hand
-from regrasp.planner.local import ContactMotions, terms_of
+from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.relocation import Scan, new_scan
+from regrasp.planner.scan import Scan, new_scan
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene
 
 Array = NDArray[np.float64]
+Codes = NDArray[np.int16]
 SMALL = Settings(intervals=6)
 NAMES = ("fig3-puma3", "fig4-relocation", "fig2-planar")
 
@@ -48,14 +50,18 @@ class Arc:
         """Candidates of which nothing is known yet."""
         return new_scan(self.hand, self.path, self.task.settings.local.relocation)
 
-    def problem(self, V: NDArray[np.int8], scan: Scan | None = None) -> ContactMotions:
-        """Eq. (1) on the arc with V evaluated from scratch."""
-        return ContactMotions(self.hand, self.path, scan or self.scan(), self.terms, self.grasp, V)
+    def problem(self, V: Codes, shortcuts: Shortcuts | None = None) -> ContactMotions:
+        """Eq. (1) on the arc with V evaluated from scratch, nothing known of the candidates."""
+        return ContactMotions(self.hand, self.path, self.scan(), self.terms, self.grasp, V, shortcuts)
+
+    def random(self, rng: np.random.Generator) -> Codes:
+        """A random V."""
+        candidates = 2 * self.task.settings.local.relocation.candidates
+        return random_motions(len(self.path.R_WO), len(self.task.names), candidates, rng)
 
     def motion(self, problem: ContactMotions) -> Motion:
         """The samples of the problem's current V."""
-        V = problem.snapshot()
-        return detail(self.hand, self.path, problem.scan, self.terms, problem.current, V, problem.work, self.task.names)
+        return detail(self.hand, self.path, self.terms, problem.found, problem.current, problem.work, self.task.names)
 
     def joints(self, i: int) -> slice:
         """Where agent i's values stand in a row of joints."""

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from regrasp.planner import clock
+from regrasp.planner.chain import BLOCK
 from regrasp.planner.clock import start_clock
 from regrasp.planner.method import Settings, plan_scene
 from regrasp.scene.load import load
@@ -41,12 +42,15 @@ def test_without_a_limit_no_time_passes(now):
 
 
 def test_a_run_out_of_time_says_so():
-    outcome = plan_scene(load("fig3-puma3"), 0, Settings(time_limit=1e-6))
-    assert outcome.plan is None
+    """And has the best plan so far: that of one block of moves, which no time limit keeps it from."""
+    outcome = plan_scene(load("fig4-relocation"), 0, Settings(time_limit=1e-6))
     assert outcome.failure is not None
     assert outcome.failure.constraint == "time"
     assert "segment 1" in str(outcome.failure)
     assert "1e-06 s" in str(outcome.failure)
+    assert outcome.plan is not None
+    assert not outcome.plan.feasible
+    assert len(outcome.plan.energy) == 1 + BLOCK
 
 
 @pytest.mark.parametrize("limit", [-1.0, math.inf, math.nan])

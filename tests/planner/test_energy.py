@@ -1,4 +1,4 @@
-"""Eq. (1): what the shortcuts leave as it is, to the last bit, and what its counts count."""
+"""Eq. (1): what the shortcuts leave as it is, and what its counts count."""
 
 import dataclasses
 import itertools
@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from arcs import NAMES, Arc, arc, changed, made
 
-from regrasp.planner.energy import changes, loose
-from regrasp.planner.grasp import Grasp
+from regrasp.planner.chain import ContactMotions
+from regrasp.planner.configurations import UNKNOWN, Grasp
+from regrasp.planner.energy import Shortcuts, changes, loose, make_room
 from regrasp.planner.hand import plane_of
-from regrasp.planner.local import ContactMotions, random_motions
-from regrasp.planner.motions import OFF, RELOCATE, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
+from regrasp.planner.local import random_motions
+from regrasp.planner.motions import OFF, ONTO, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
 from regrasp.planner.supports import SLIDE, STICK
 from regrasp.scene.load import load
 
-ROWS = ("V", "lost", "hits", "c", "e", "f", "h", "chosen")
+PLACES = ("q", "holds", "R_WG", "p_WG", "lost", "own")
+CONTACTS = ("p_OC", "p_TC", "R_OT", "n_O")
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -23,40 +25,47 @@ def each(request: pytest.FixtureRequest) -> Arc:
     return arc(request.param)
 
 
-def travelling(problem: ContactMotions) -> np.ndarray:
-    """Where an agent's way is read: it relocates or retires and is not lost."""
-    s = problem.current
-    return ((s.V == RELOCATE) | ((s.V == OFF) & (s.holds[:-1] == 1))) & (s.lost == 0)
+def at_ends(problem: ContactMotions, name: str) -> np.ndarray:
+    """A field of `Configurations` for the configurations that the current V leads through, (n + 1, k, …)."""
+    return getattr(problem.found, name)[problem.current.at]
+
+
+def lost(problem: ContactMotions) -> np.ndarray:
+    """Who leaves its workspace in contact, or has to stay behind, (n, k)."""
+    in_contact = problem.current.V < OFF - 1
+    return (problem.current.behind == 1) | (in_contact & (at_ends(problem, "lost")[1:] == 1))
 
 
 def same_states(a: ContactMotions, b: ContactMotions) -> None:
     """Everything that the two problems' current states mean is equal to the last bit."""
-    for name in ROWS:
+    for name in ("V", "behind", "way", "c", "e", "f", "h"):
         np.testing.assert_array_equal(getattr(a.current, name), getattr(b.current, name), err_msg=name)
-    np.testing.assert_array_equal(a.current.way[travelling(a)], b.current.way[travelling(b)])
-    np.testing.assert_array_equal(a.current.q, b.current.q)
-    np.testing.assert_array_equal(a.current.holds, b.current.holds)
-    held = a.current.holds == 1
-    for name in ("p_OC", "p_TC", "R_OT"):
-        np.testing.assert_array_equal(getattr(a.current, name)[held], getattr(b.current, name)[held], err_msg=name)
-    np.testing.assert_array_equal(a.current.R_WG, b.current.R_WG)
-    np.testing.assert_array_equal(a.current.p_WG, b.current.p_WG)
+    k = a.current.V.shape[1]
+    np.testing.assert_array_equal(*(np.triu(p.current.touch, 1)[..., :k, :k] for p in (a, b)))
+    held = at_ends(a, "holds") == 1
+    assert np.all(at_ends(a, "own")[1:] != UNKNOWN)
+    for name in PLACES:
+        rows = slice(1, None) if name == "own" else slice(None)
+        np.testing.assert_array_equal(at_ends(a, name)[rows], at_ends(b, name)[rows], err_msg=name)
+    for name in CONTACTS:
+        np.testing.assert_array_equal(at_ends(a, name)[held], at_ends(b, name)[held], err_msg=name)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_incremental_evaluation_is_evaluation_from_scratch(each: Arc, seed: int) -> None:
     """Along a chain of accepted, rejected and cut-off proposals the energy and the whole state are those from scratch;
-    the bound turns energies above it into inf and leaves all others alone."""
+    the bound turns energies above it into inf and leaves all others alone. To the last bit without warm starts."""
     rng = np.random.default_rng(seed)
-    n, k = len(each.path.R_WO), len(each.task.names)
-    chain = each.problem(random_motions(n, k, rng))
-    oracle = each.problem(chain.snapshot())
+    n = len(each.path.R_WO)
+    chain = each.problem(each.random(rng), Shortcuts(warm=0))
+    oracle = each.problem(chain.snapshot(), Shortcuts(0, 0, 0, 0))
     cut = kept = accepted = 0
     for _ in range(80):
         move = chain.propose(rng)
-        outside = np.ones(n, bool)
-        outside[move.first : move.final + 1] = False
-        assert np.array_equal(move.V[outside], chain.snapshot()[outside])
+        others = np.ones_like(move.V, bool)
+        others[move.first : move.final + 1, move.agent] = False
+        assert np.array_equal(move.V[others], chain.snapshot()[others])
+        assert n > move.final >= move.first >= 0
         oracle.reset(move.V)
         true = oracle.energy()
         bound = rng.choice([np.inf, true, np.nextafter(true, -np.inf), chain.energy() + rng.exponential(3.0)])
@@ -74,19 +83,29 @@ def test_incremental_evaluation_is_evaluation_from_scratch(each: Arc, seed: int)
         else:
             chain.reject(move)
     assert min(cut, kept, accepted) > 5
-    same_states(chain, each.problem(chain.snapshot()))  # a scan without memories
+    same_states(chain, each.problem(chain.snapshot(), Shortcuts(warm=0)))  # nothing remembered
 
 
 def test_changes_count_as_documented() -> None:
     """A change of an agent's motion counts once; a relocation is a motion of its own even after another."""
-    R = RELOCATE
-    assert changes(np.array([[0, 1], [0, 1], [0, 1]], np.int8)) == 0
-    assert changes(np.array([[0], [1], [1], [0]], np.int8)) == 2
-    assert changes(np.array([[R], [R], [R]], np.int8)) == 2
-    assert changes(np.array([[0], [R], [0]], np.int8)) == 2
-    V = random_motions(40, 5, np.random.default_rng(0))
+    R = ONTO + 3
+    assert changes(np.array([[0, 1], [0, 1], [0, 1]], np.int16)) == 0
+    assert changes(np.array([[0], [1], [1], [0]], np.int16)) == 2
+    assert changes(np.array([[R], [R], [R]], np.int16)) == 2
+    assert changes(np.array([[0], [R], [0]], np.int16)) == 2
+    V = random_motions(200, 5, 2, np.random.default_rng(0))
     pairs = [(a, b) for row in V.T for a, b in itertools.pairwise(row)]
-    assert changes(V) == sum(a != b for a, b in pairs) + sum(a == b == R for a, b in pairs)
+    again = sum(a == b >= ONTO for a, b in pairs)
+    assert again > 0
+    assert changes(V) == sum(a != b for a, b in pairs) + again
+
+
+def loose_at(a: Arc, codes: tuple[int, ...], holds: tuple[int, ...]) -> int:
+    """h of the first interval where the agents do these motions, and hold the object or not."""
+    problem = a.problem(np.zeros((len(a.path.R_WO), len(codes)), np.int16))
+    problem.current.V[0] = codes
+    problem.found.holds[problem.current.at[0]] = holds
+    return loose(a.hand, a.path, problem.found, problem.current, 0)
 
 
 def test_stability_counts_the_contacts_that_stick() -> None:
@@ -95,24 +114,22 @@ def test_stability_counts_the_contacts_that_stick() -> None:
     rows = {
         (STAY, STAY, ROLL_X, ROLL_X): 0,
         (STAY, STAY, ROLL_X, SLIDE_X): 0,
-        (STAY, RELOCATE, ROLL_X, ROLL_X): 0,
-        (STAY, RELOCATE, ROLL_X, SLIDE_X): 1,
+        (STAY, ONTO, ROLL_X, ROLL_X): 0,
+        (STAY, ONTO + 5, ROLL_X, SLIDE_X): 1,
         (STAY, SLIDE_X, SLIDE_MINUS_Y, SLIDE_X): 2,
         (SLIDE_X, OFF, SLIDE_MINUS_Y, SLIDE_X): 3,
     }
     for codes, missing in rows.items():
-        bears = np.array([code not in (RELOCATE, OFF) for code in codes], np.uint8)
-        assert loose(a.hand, a.path, np.int64(0), bears, np.array(codes, np.int8)) == missing
-    assert loose(a.hand, a.path, np.int64(0), np.array([1, 0, 0, 1], np.uint8), np.zeros(4, np.int8)) == 1
+        assert loose_at(a, codes, (1, 1, 1, 1)) == missing
+    assert loose_at(a, (STAY,) * 4, (1, 0, 0, 1)) == 1
 
 
 def test_a_support_counts_where_the_object_sticks_to_it() -> None:
     """Two in a plane: the ball that slides on the table needs two fingers, the one that sticks there needs one."""
     a = arc("fig2-planar")
-    codes, bears = np.array([STAY, SLIDE_X, SLIDE_X], np.int8), np.ones(3, np.uint8)
     for mode, missing in ((SLIDE, 1), (STICK, 0)):
         path = dataclasses.replace(a.path, support_mode=np.full_like(a.path.support_mode, mode))
-        assert loose(a.hand, path, np.int64(0), bears, codes) == missing
+        assert loose_at(dataclasses.replace(a, path=path), (STAY, SLIDE_X, SLIDE_X), (1, 1, 1)) == missing
 
 
 @pytest.mark.parametrize(
@@ -142,21 +159,66 @@ def test_a_plane_needs_two_contacts_and_has_three_axes_of_disturbance() -> None:
 
 
 def test_the_energy_is_the_weighted_sum_of_its_terms(each: Arc) -> None:
-    """E = K_c Σ c + K_e Σ e + K_f Σ f + K_g Σ g + K_h Σ h with every lost agent and every colliding block counted in c,
-    and in h what there are too few of agents that stick and supports that do."""
-    n, k = len(each.path.R_WO), len(each.task.names)
+    """E = K_c Σ c + K_e Σ e + K_f Σ f + K_g Σ g + K_h Σ h with every lost agent, every colliding block, every free motion
+    without a way and all but one at a time counted in c, and in h what there are too few of agents that stick and supports
+    that do."""
     for seed in range(4):
-        problem = each.problem(random_motions(n, k, np.random.default_rng(seed)))
+        problem = each.problem(each.random(np.random.default_rng(seed)))
         s, K = problem.current, each.task.settings.local.energy
-        blocks = np.triu(np.ones((k, k + 2)))
-        np.testing.assert_array_equal(s.c, s.lost.sum(1) + (s.hits * blocks).sum((1, 2)))
+        holds = at_ends(problem, "holds")
+        free = ((s.V >= ONTO) & (s.behind == 0)) | ((s.V == OFF) & (holds[:-1] == 1))
+        hits = at_ends(problem, "own")[1:].sum(1) + np.triu(s.touch, 1).sum((1, 2))
+        barred = (free & (s.way < 0)).sum(1)
+        np.testing.assert_array_equal(s.c, lost(problem).sum(1) + hits + barred + np.maximum(free.sum(1) - 1, 0))
         assert set(s.e) <= {0.0, 1.0}
         assert np.all(s.f[s.e == 1.0] == 0.0)
-        stick = ((s.V < SLIDE_X) & (s.holds[:-1] == 1)).sum(1) + (each.path.support_mode == STICK).sum(1)
+        stick = ((s.V < SLIDE_X) & (holds[:-1] == 1)).sum(1) + (each.path.support_mode == STICK).sum(1)
         np.testing.assert_array_equal(s.h, np.maximum(0, each.hand.needed - stick))
         expected = K.collision * s.c.sum() + K.equilibrium * s.e.sum() + K.force * s.f.sum() + K.change * changes(s.V)
         expected += K.stability * s.h.sum()
         assert problem.energy() == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_agents_way_depends_on_its_own_motions_only(each: Arc) -> None:
+    """Its configurations are the same beside any motions of the others."""
+    rng = np.random.default_rng(5)
+    k = len(each.task.names)
+    V, other = each.random(rng), each.random(rng)
+    for i in range(k):
+        other[:, i] = V[:, i]
+        a, b = each.problem(V), each.problem(other)
+        for name in ("q", "holds", "R_WG", "p_WG"):
+            np.testing.assert_array_equal(at_ends(a, name)[:, i], at_ends(b, name)[:, i], err_msg=name)
+        np.testing.assert_array_equal(a.current.behind[:, i], b.current.behind[:, i])
+        other = each.random(rng)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_energies_are_the_same_after_all_has_been_forgotten(each: Arc, seed: int) -> None:
+    """When configurations run out only the current V's are found anew, in new places; all energies are as before."""
+    rng = np.random.default_rng(seed)
+    problem = each.problem(each.random(rng), Shortcuts(warm=0))
+    for _ in range(5):
+        move = problem.propose(rng)
+        problem.evaluate(move, np.inf)
+        problem.accept(move)
+    moves = [problem.propose(rng) for _ in range(15)]
+    before = [problem.evaluate(move, np.inf) for move in moves]
+    same = each.problem(problem.snapshot(), Shortcuts(warm=0))
+    place = problem.current.at.copy()
+    used, full = int(problem.found.used[0]), len(problem.found.q)
+    problem.found.used[0] = full - 65
+    make_room(*problem.model, problem.current)
+    n, k = problem.current.V.shape
+    assert problem.found.used[0] <= 1 + k + n * k < used
+    assert not problem.work.pairs.taken.any()
+    assert not problem.work.sums.taken.any()
+    assert not np.array_equal(place, problem.current.at)
+    same_states(problem, same)
+    assert [problem.evaluate(move, np.inf) for move in moves] == before
+    used = int(problem.found.used[0])
+    make_room(*problem.model, problem.current)
+    assert problem.found.used[0] == used  # while there is room nothing is forgotten
 
 
 def test_the_order_of_the_agents_does_not_count() -> None:
@@ -172,7 +234,7 @@ def test_the_order_of_the_agents_does_not_count() -> None:
     collided = 0.0
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        V = rng.integers(0, SLIDE_MINUS_Y + 1, (len(ours.path.R_WO), 3)).astype(np.int8)
+        V = rng.integers(0, SLIDE_MINUS_Y + 1, (len(ours.path.R_WO), 3)).astype(np.int16)
         V[:, rng.integers(3)] = rng.choice([SLIDE_MINUS_Y, OFF])
         a, b = ours.problem(V).current, other.problem(V[:, order]).current
         np.testing.assert_array_equal(a.c, b.c)

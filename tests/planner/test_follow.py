@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from arcs import Arc, Oracle, arc, height
 
-from regrasp.planner.follow import is_full
-from regrasp.planner.motion import Motion, trace_contact
+from regrasp.kernels.chains import forward, jacobian
+from regrasp.planner.follow import AGILE, is_agile, is_full, turns_little
+from regrasp.planner.motion import Motion
 from regrasp.planner.motions import SLIDE_MINUS_Y, SLIDE_X
 from regrasp.planner.path import nominal_path
+from regrasp.planner.trace import trace_contact
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +29,7 @@ def followed(name: str, seed: int) -> Followed:
     a = arc(name)
     n, samples = a.path.R_WO.shape[:2]
     k = len(a.task.names)
-    V = np.random.default_rng(seed).integers(0, SLIDE_MINUS_Y + 1, (n, k)).astype(np.int8)
+    V = np.random.default_rng(seed).integers(0, SLIDE_MINUS_Y + 1, (n, k)).astype(np.int16)
     problem = a.problem(V)
     motion = a.motion(problem)
     oracle = Oracle(a.task)
@@ -39,7 +41,7 @@ def followed(name: str, seed: int) -> Followed:
             for i in range(k):
                 R_WT, p_WT = oracle.tip(i)
                 R[j, s, i], p[j, s, i] = R_WO.T @ R_WT, R_WO.T @ (p_WT - p_WO)
-    lost = np.array(problem.current.lost, bool)
+    lost = problem.found.lost[problem.current.at[1:]] == 1
     lost = np.logical_or.accumulate(lost, axis=0)  # after a loss joints and contact part
     return Followed(a, motion, R, p, lost)
 
@@ -128,3 +130,40 @@ def test_with_six_joints_the_contact_path_is_the_same_on_any_path_of_the_object(
             for one, other in zip(*traces, strict=True):
                 np.testing.assert_array_equal(one, other)
             assert np.any(traces[0][2][m] != traces[0][2][0]) == np.any(command[:2] != 0.0)
+
+
+def test_what_turns_little_is_told_from_the_inverse() -> None:
+    """The largest entry of J⁻¹, with the object's radius for lengths, against AGILE; a singular J turns without limit."""
+    rng = np.random.default_rng(0)
+    seen = [0, 0]
+    for _ in range(400):
+        radius = 10.0 ** rng.uniform(-2, 0)
+        J = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-1, 1)
+        largest = np.abs(np.linalg.inv(J) @ np.diag([radius] * 3 + [1.0] * 3)).max()
+        for size in (1.0 - 1e-9, 1.0 + 1e-9, rng.uniform(0.2, 5.0)):
+            little = turns_little(J * largest / AGILE * size, radius)
+            assert little == (size > 1.0)
+            seen[little] += 1
+        row = rng.integers(6)
+        J[row] = J[row - 1] if rng.random() < 0.5 else 0.0
+        assert not turns_little(J, radius)
+    assert min(seen) > 100
+
+
+def test_a_puma_is_agile_away_from_its_singularities() -> None:
+    """By the inverse of its Jacobian at random joints, and never with its wrist stretched."""
+    a, rng = arc("fig3-puma3"), np.random.default_rng(1)
+    R_WL, p_WL, J = np.empty((7, 3, 3)), np.empty((7, 3)), np.empty((6, 6))
+    seen = [0, 0]
+    for _ in range(200):
+        q = rng.uniform(a.hand.chains.lower[:6], a.hand.chains.upper[:6])
+        forward(a.hand.chains, 0, q, R_WL, p_WL)
+        jacobian(a.hand.chains, 0, R_WL, p_WL, p_WL[6], J)
+        J[:3] /= a.hand.radius
+        little = bool(np.abs(np.linalg.inv(J)).max() <= AGILE)
+        assert is_agile(a.hand, 0, R_WL, p_WL) == little
+        seen[little] += 1
+        q[4] = 0.0
+        forward(a.hand.chains, 0, q, R_WL, p_WL)
+        assert not is_agile(a.hand, 0, R_WL, p_WL)
+    assert min(seen) > 10

@@ -5,6 +5,7 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
+from regrasp.kernels.inverse import inverse_point
 from regrasp.planner.method import arc_path, first_grasp, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.scene.load import load
@@ -96,6 +97,17 @@ def test_a_grasp_given_by_points_touches_there() -> None:
         assert np.linalg.norm(centre - points[i]) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
 
 
+@pytest.mark.xfail(strict=True, reason="given_grasp tries four exact directions of an arm's tool and no others")
+def test_a_given_point_within_reach_is_touched_however_the_tool_has_to_point() -> None:
+    """The finger stands under the object and reaches the point with its tool 31° off the normal, not nearer."""
+    a, grasp = given([{"agent": "finger1", "point": [0.045, 0, 0]}], [0.4, 0.0, 0.4])
+    target = np.array([0.4, 0.0, 0.4]) + [0.045 + a.hand.size_T[0, 0], 0.0, 0.0]
+    q, R, p = a.hand.home[:6].copy(), np.empty((7, 3, 3)), np.empty((7, 3))
+    residual, _ = inverse_point(a.hand.chains, 0, target, a.hand.axis_T[0], np.array([-1.0, 0.0, 0.0]), q, R, p)
+    assert residual < 1e-9
+    assert not isinstance(grasp, Failure), str(grasp)
+
+
 def test_points_off_the_surface_are_taken_to_it() -> None:
     auto = arc("fig3-puma3")
     points = auto.grasp.p_OC * 1.1
@@ -123,9 +135,9 @@ def test_a_grasp_given_by_joints_has_these_joints() -> None:
 def test_an_unreachable_point_names_its_agent() -> None:
     names = arc("fig3-puma3").task.names
     points = [[0.045, 0, 0], [-0.02, 0.03, 0], [-0.02, -0.03, 0]]
-    _, failure = given([{"agent": n, "point": p} for n, p in zip(names, points, strict=True)], [0.4, 0.0, 0.4])
+    _, failure = given([{"agent": n, "point": p} for n, p in zip(names, points, strict=True)], [0.3, 0.0, 0.4])
     assert isinstance(failure, Failure)
     assert failure.constraint == "reach"
-    assert failure.agent == names[1]  # the object stands beyond finger1, which reaches its own point
+    assert failure.agent == names[1]  # the object stands over finger1, which reaches its own point
     assert "start.grasp" in failure.where
     assert "\n" not in str(failure)

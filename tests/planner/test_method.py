@@ -18,7 +18,7 @@ from regrasp.planner.assemble import quaternions
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import Settings, plan_scene
 from regrasp.planner.outcome import Failure
-from regrasp.scene.load import dump, load
+from regrasp.scene.load import builtin, dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.verify.check import check
@@ -163,6 +163,71 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(plan: Plan) 
     assert not np.array_equal(plan.V, other.V) or not np.array_equal(plan.joints, other.joints)
 
 
+@pytest.mark.parametrize("scene", [small(), load("fig2-planar")], ids=lambda scene: scene.name)
+def test_the_number_of_threads_does_not_change_the_plan(scene: Scene) -> None:
+    """Also where the first annealing runs break a constraint and a later one counts."""
+    few = dataclasses.replace(QUICK.local, attempts=4, annealing=Annealing(iterations=60, trials=10))
+    plans = []
+    for threads in (1, 2):
+        settings = dataclasses.replace(QUICK, local=dataclasses.replace(few, threads=threads))
+        outcomes = [plan_scene(scene, seed, settings) for seed in range(4)]
+        plans.append([outcome.plan for outcome in outcomes if outcome.plan is not None])
+    assert len(plans[0]) == len(plans[1]) > 0
+    assert any(len(plan.energy) > 61 * plan.summary()["segments"] for plan in plans[0])
+    for one, other in zip(*plans, strict=True):
+        for name, value in arrays(one).items():
+            np.testing.assert_array_equal(value, getattr(other, name), err_msg=name)
+
+
+@pytest.mark.parametrize("limit", [1e-3, 0.1])
+@pytest.mark.parametrize("name", builtin())
+def test_a_run_that_is_short_of_time_says_what_it_has(name: str, limit: float) -> None:
+    """Either a plan that proves itself, or the reason and a plan that says that it is not feasible and whose answer can be
+    printed; `check` looks at it without failing, and refuses it where it does not end at the goal."""
+    for seed in range(2):
+        outcome = plan_scene(load(name), seed, Settings(time_limit=limit))
+        plan = outcome.plan
+        assert plan is not None
+        assert plan.feasible is (outcome.failure is None)
+        certificate = check(plan)
+        if outcome.failure is None:
+            assert certificate.passed, [str(finding) for finding in certificate.refusals]
+            continue
+        assert outcome.failure.constraint == "time"
+        assert f"{limit:g} s" in outcome.failure.reason
+        away = np.linalg.norm(plan.object_position[-1, -1] - load(name).goal.pose.p)
+        turn = (
+            Rotation.from_quat(plan.object_quaternion[-1, -1], scalar_first=True).as_matrix().T @ load(name).goal.pose.R
+        )
+        if away > 2e-3 or np.trace(turn) < 3.0 - 1e-3:
+            assert not certificate.passed
+        summary = json.loads(json.dumps(plan.summary()))
+        assert summary["feasible"] is False
+        assert len(summary["found_after"]) == len(summary["evaluations"]) == summary["segments"]
+        assert all(0 <= a < b for a, b in zip(summary["found_after"], summary["evaluations"], strict=True))
+
+
+def test_the_best_plan_so_far_is_written_and_refused_on_the_command_line(tmp_path, capsys) -> None:
+    file = tmp_path / "plan.npz"
+    assert main(["plan", "fig4-relocation", "-o", str(file), "--time-limit", "0.001", "--json"]) == 1
+    said = capsys.readouterr()
+    answer = json.loads(said.out)
+    assert answer["failure"]["constraint"] == "time"
+    assert (answer["exit"], answer["feasible"], answer["plan"]) == (1, False, str(file))
+    assert len(answer["found_after"]) == len(answer["evaluations"]) == answer["segments"]
+    assert "not feasible" in said.err
+    assert main(["plan", "fig4-relocation", "-o", str(file), "--time-limit", "0.001"]) == 1
+    said = capsys.readouterr()
+    lines = [line for line in said.err.splitlines() if "not feasible" in line]
+    assert len(lines) == 1
+    assert str(file) in lines[0]
+    assert "evaluations" in said.out
+    assert main(["check", str(file)]) == 1
+    said = capsys.readouterr()
+    assert "refused" in said.err
+    assert "Traceback" not in said.err
+
+
 def refused(scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tuple[int, dict, str]:
     """Exit code, JSON answer and what is said of planning a scene file on the command line."""
     file, out = tmp_path / "bad.yaml", tmp_path / "plan.npz"
@@ -184,7 +249,7 @@ BLOCK = [{"name": "block", "shape": "box", "size": [0.02, 0.02, 0.02], "pose": {
     ("fields", "constraint", "words"),
     [
         ({"object": HEAVY}, "equilibrium", "max_force"),
-        ({"start": {"pose": {"position": [0.4, 0, 0.4]}, "grasp": FAR}}, "reach", "finger2"),
+        ({"start": {"pose": {"position": [0.3, 0, 0.4]}, "grasp": FAR}}, "reach", "finger2"),
         (
             {"environment": BLOCK, "start": {"pose": {"position": [0, 0, 0.3]}}},
             "collision",
