@@ -63,7 +63,10 @@ def chain(work: Job, seed: int, annealing: Annealing, shortcuts: Shortcuts) -> C
     seconds = time.perf_counter() - started
     counts = problem.work.counts
     return Chain(
-        seconds, found.energies, found.best, {f.name: int(getattr(counts, f.name)[0]) for f in dataclasses.fields(counts)}
+        seconds,
+        found.energies,
+        found.best,
+        {f.name: int(getattr(counts, f.name)[0]) for f in dataclasses.fields(counts)},
     )
 
 
@@ -86,10 +89,10 @@ def paper(work: Job, seeds: int, iterations: int = PAPER_ITERATIONS) -> list[Row
     annealing = dataclasses.replace(work.task.settings.local.annealing, iterations=iterations)
     runs = [search(work, work.random_start(seed), annealing, seed) for seed in range(seeds)]
     times = [run.seconds for run in runs]
-    feasible = sum(run.feasible for run in runs)
+    feasible = f"{sum(run.feasible for run in runs)} of {seeds} feasible"
     group = "the paper's job"
     found = [
-        row(group, "from a random V to the motion", times, "s", note=f"slowest {max(times):.3f} s; {feasible} of {seeds} feasible"),
+        row(group, "from a random V to the motion", times, "s", note=f"slowest {max(times):.3f} s; {feasible}"),
         row(group, "energy at the end", [run.after for run in runs], ""),
     ]  # fmt: skip
     few = min(seeds, 5)
@@ -109,7 +112,12 @@ def paper(work: Job, seeds: int, iterations: int = PAPER_ITERATIONS) -> list[Row
 
 def more_work(counts: list[tuple[dict[str, int], dict[str, int]]]) -> str:
     """How many times more often the reference did what."""
-    words = {"configurations": "contacts followed", "programs": "force programs", "pivots": "pivots", "ways": "free motions"}
+    words = {
+        "configurations": "contacts followed",
+        "programs": "force programs",
+        "pivots": "pivots",
+        "ways": "free motions",
+    }
     times = {key: statistics.median(b[key] / max(a[key], 1) for a, b in counts) for key in words}
     return ", ".join(f"{words[key]} × {times[key]:.1f}" for key in words if abs(times[key] - 1.0) > 0.05)
 

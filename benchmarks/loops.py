@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@njit
+@njit(nogil=True)
 def forwards(chains: Chains, Q: Array, R: Array, p: Array, count: int) -> None:
     """Chain c mod k at the joints Q (N, n) one after the other."""
     k = len(chains.start) - 1
@@ -27,14 +27,14 @@ def forwards(chains: Chains, Q: Array, R: Array, p: Array, count: int) -> None:
         forward(chains, c % k, Q[c % len(Q)], R, p)
 
 
-@njit
+@njit(nogil=True)
 def jacobians(chains: Chains, R: Array, p: Array, J: Array, count: int) -> None:
     """The same Jacobian again and again, of chain 0 at the link poses R, p."""
     for _ in range(count):
         jacobian(chains, 0, R, p, p[len(p) - 1], J)
 
 
-@njit
+@njit(nogil=True)
 def inverses(
     chains: Chains, agents: Ints, R: Array, p: Array, seeds: Array, q: Array, R_L: Array, p_L: Array, count: int
 ) -> None:  # fmt: skip
@@ -45,7 +45,7 @@ def inverses(
         inverse(chains, agents[s], R[s], p[s], q[s], R_L, p_L)
 
 
-@njit
+@njit(nogil=True)
 def nearest(
     chains: Chains, wrists: Wrists, agents: Ints, R: Array, p: Array, seeds: Array, q: Array, count: int
 ) -> None:  # fmt: skip
@@ -56,7 +56,7 @@ def nearest(
         solve_near(chains, wrists, agents[s], R[s], p[s], q[s])
 
 
-@njit
+@njit(nogil=True)
 def all_solutions(
     chains: Chains, wrists: Wrists, agents: Ints, R: Array, p: Array, Q: Array, found: Ints, count: int
 ) -> None:  # fmt: skip
@@ -66,7 +66,7 @@ def all_solutions(
         found[s] = solve_all(chains, wrists, agents[s], R[s], p[s], Q[s])
 
 
-@njit
+@njit(nogil=True)
 def contacts(
     kind_O: int, size_O: Array, kind_T: int, size_T: Array, command: Array, substeps: int,
     p: Array, c: Array, R: Array, x: Array, p_end: Array, c_end: Array, R_end: Array, x_end: Array, count: int,
@@ -75,12 +75,10 @@ def contacts(
     for pass_ in range(count):
         s = pass_ % len(p)
         p_end[s], c_end[s], R_end[s], x_end[s] = p[s], c[s], R[s], x[s]
-        advance(
-            kind_O, size_O, kind_T, size_T, command, substeps, p_end[s], c_end[s], R_end[s], x_end[s]
-        )
+        advance(kind_O, size_O, kind_T, size_T, command, substeps, p_end[s], c_end[s], R_end[s], x_end[s])
 
 
-@njit
+@njit(nogil=True)
 def distances(
     kind: Ints, core: Array, radius: Array, R: Array, p: Array, limit: float, found: Array, count: int
 ) -> None:  # fmt: skip
@@ -88,12 +86,10 @@ def distances(
     for c in range(count):
         s = c % len(found)
         a, b = 2 * s, 2 * s + 1
-        found[s] = distance(
-            kind[a], core[a], radius[a], R[a], p[a], kind[b], core[b], radius[b], R[b], p[b], limit
-        )
+        found[s] = distance(kind[a], core[a], radius[a], R[a], p[a], kind[b], core[b], radius[b], R[b], p[b], limit)
 
 
-@njit
+@njit(nogil=True)
 def programs(
     P: Program, columns: Ints, A: Array, b: Array, group: Ints, cap: Array, warm: bool, value: Array, pivots: Ints,
     count: int,

@@ -6,6 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 SHORTEST = 2e-2
@@ -72,9 +73,9 @@ def counted(loop: Callable[[int], Any]) -> Callable[[], float]:
     """s per pass of `loop(count)`, which makes `count` passes: called once to warm up, then as often as SHORTEST asks for."""
     loop(1)
     count = 1
-    while (seconds := seconds_of(lambda: loop(count))) < SHORTEST:
+    while (seconds := seconds_of(partial(loop, count))) < SHORTEST:
         count = min(8 * count, math.ceil(1.5 * count * SHORTEST / max(seconds, 1e-9)))
-    return lambda: seconds_of(lambda: loop(count)) / count
+    return lambda: seconds_of(partial(loop, count)) / count
 
 
 def versus(

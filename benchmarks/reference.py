@@ -6,10 +6,14 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from regrasp.kernels.basis import Program
 from regrasp.kernels.chains import HINGE, Chains
 
 Array = NDArray[np.float64]
+SOLIDS = {
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
 
 
 def forward(chains: Chains, a: int, q: Array) -> tuple[list[Array], list[Array]]:
@@ -115,25 +119,18 @@ def contact(semi_axes: Array, r: float, p: Array, x: Array, command: Array, step
     return state[:3]
 
 
-def least_force(P: Program, n: int) -> float:
-    """The least Σ of the force program's first n columns by HiGHS; inf where there is no equilibrium."""
-    groups = [g for g in range(len(P.cap)) if np.isfinite(P.cap[g]) and np.any(P.group[:n] == g)]
-    rows = np.array([(P.group[:n] == g).astype(float) for g in groups]) if groups else None
-    caps = P.cap[groups] if groups else None
-    found = linprog(P.cost[:n], A_ub=rows, b_ub=caps, A_eq=P.A[:, :n], b_eq=P.b, method="highs")
+def least_force(A: Array, b: Array, group: NDArray[np.int64], cap: Array) -> float:
+    """min Σ λ over the columns with a group, Aλ = b, λ ≥ 0, Σ of group g ≤ cap_g, by HiGHS; inf without equilibrium."""
+    rows = (group == np.arange(len(cap))[:, None]).astype(float)
+    found = linprog((group >= 0).astype(float), A_ub=rows, b_ub=cap, A_eq=A, b_eq=b, method="highs")
     return float(found.fun) if found.status == 0 else np.inf
 
 
-def solids(pairs: list[tuple[tuple[str, Array], tuple[str, Array]]], poses: list[tuple[Array, Array]]) -> mujoco.MjModel:
-    """A model of static geoms, two of each pair behind one another, at poses (R, p)."""
+def solids(names: list[str], sizes: Array, R: Array, p: Array) -> mujoco.MjModel:
+    """A model of static geoms at poses R (N, 3, 3), p (N, 3); a capsule's size is its radius and half length."""
     spec = mujoco.MjSpec()
-    kinds = {
-        "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-        "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        "box": mujoco.mjtGeom.mjGEOM_BOX,
-    }
-    for (kind, size), (R, p) in zip([body for pair in pairs for body in pair], poses, strict=True):
+    for name, size, turn, place in zip(names, sizes, R, p, strict=True):
         quat = np.empty(4)
-        mujoco.mju_mat2Quat(quat, R.ravel())
-        spec.worldbody.add_geom(type=kinds[kind], size=size, pos=p, quat=quat)
+        mujoco.mju_mat2Quat(quat, turn.ravel())
+        spec.worldbody.add_geom(type=SOLIDS[name], size=size, pos=place, quat=quat)
     return spec.compile()
