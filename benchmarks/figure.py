@@ -61,7 +61,8 @@ def growth(panel: Axes, axis: str, rows: list[Row]) -> None:
         else:
             ends = [x[0], x[-1]]
             panel.loglog(ends, [y[0], y[0] * x[-1] / x[0]], color=GREY, linewidth=0.8, linestyle=":", label="linear")
-    panel.legend(fontsize=8)
+    if panel.lines:
+        panel.legend(fontsize=8)
     panel.grid(alpha=0.3)
 
 

@@ -121,8 +121,9 @@ def contact(semi_axes: Array, r: float, p: Array, x: Array, command: Array, step
 
 def least_force(A: Array, b: Array, group: NDArray[np.int64], cap: Array) -> float:
     """min Σ λ over the columns with a group, Aλ = b, λ ≥ 0, Σ of group g ≤ cap_g, by HiGHS; inf without equilibrium."""
-    rows = (group == np.arange(len(cap))[:, None]).astype(float)
-    found = linprog((group >= 0).astype(float), A_ub=rows, b_ub=cap, A_eq=A, b_eq=b, method="highs")
+    capped = np.flatnonzero(np.isfinite(cap))
+    rows = (group == capped[:, None]).astype(float)
+    found = linprog((group >= 0).astype(float), A_ub=rows, b_ub=cap[capped], A_eq=A, b_eq=b, method="highs")
     return float(found.fun) if found.status == 0 else np.inf
 
 
