@@ -19,7 +19,7 @@ from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose, hopeless
 from regrasp.planner.scan import Scan
 from regrasp.planner.state import State, copy_intervals, new_state
-from regrasp.search.annealing import Result, Settings, temperature_of
+from regrasp.search.annealing import ROUND, Result, Settings, temperature_of
 from regrasp.search.annealing import State as AnnealingState
 
 Array = NDArray[np.float64]
@@ -104,16 +104,17 @@ def metropolis(
     for r in range(len(u)):
         make_room(found, work, cur)
         bound = limit = np.inf
+        level = E + ROUND * (1.0 + abs(E))
         if not trial:
             done = (first_move + r) / max(moves - 1, 1)
-            bound = E - start * math.pow(cooled, max(elapsed, done)) * math.log(1.0 - u[r, draws])
+            bound = level - start * math.pow(cooled, max(elapsed, done)) * math.log(1.0 - u[r, draws])
             if work.shortcuts.bound:
                 limit = bound
         i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :draws], limit, new)
         value, last = np.inf, first
         if i >= 0:
             value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
-        if value <= (E if trial else bound):
+        if value <= (level if trial else bound):
             copy_intervals(new, cur, first, last)
             E = value
             if best_E > E:
@@ -203,7 +204,7 @@ class ContactMotions:
             *self.model, self.current, self.trial, u, True, 0.0, 1.0, 0, count, 0.0, self._energy, -math.inf,
             self.snapshot(), energies, offered,
         )  # fmt: skip
-        rises = offered - energies
+        rises = offered - energies  # 0 where the move was made
         return rises[(rises > 0.0) & (rises < math.inf)]
 
     def moves(

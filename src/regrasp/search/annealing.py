@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+ROUND = 1e-9
+"""Energies closer than this, relative to 1 + |E|, are equal: sums in another order differ in their last bits."""
 Move = TypeVar("Move")
 Snapshot = TypeVar("Snapshot")
 SnapshotOut = TypeVar("SnapshotOut", covariant=True)
@@ -116,6 +119,11 @@ def temperature_of(uphill: Array, acceptance: float) -> float:
     return math.exp(high)
 
 
+def level(energy: float) -> float:
+    """What counts as not above this energy."""
+    return energy + ROUND * (1.0 + abs(energy))
+
+
 def init(
     problem: Problem[Move, Snapshot],
     settings: Settings,
@@ -135,7 +143,7 @@ def init(
             break
         move = problem.propose(rng)
         proposed = problem.evaluate(move, math.inf)
-        if proposed <= energy:
+        if proposed <= level(energy):
             problem.accept(move)
             energy = proposed
         else:
@@ -164,12 +172,12 @@ def step(
 ) -> tuple[State[Snapshot], Info]:
     """One Metropolis move: accepted with probability min(1, exp(-ΔE / T)).
 
-    The threshold is drawn first, as E - T ln u: a move is accepted when its energy does not exceed it, so its
+    The threshold is drawn first, as E - T ln u (E up to ROUND): a move is accepted when its energy does not exceed it, so its
     evaluation may stop as soon as it does, and the chain is the same.
     """
     T = temperature(settings, state.start_temperature, state.iteration, elapsed)
     move = problem.propose(rng)
-    bound = state.energy - T * math.log(1.0 - rng.random())
+    bound = level(state.energy) - T * math.log(1.0 - rng.random())
     proposed = problem.evaluate(move, bound)
     accepted = proposed <= bound
     energy, best_energy, best = state.energy, state.best_energy, state.best
