@@ -10,13 +10,14 @@ SCENE  ?= fig4-relocation
 SEED   ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv compile demo test check bench trust format clean
+.PHONY: help venv compile demo test check bench benchmarks trust format clean
 
 help:
 	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz and .png"
 	@echo "make test    the tests"
 	@echo "make check   format, lint, types, import rules"
 	@echo "make bench   the paper's own job, timed, and the local minima of its energy"
+	@echo "make benchmarks  what planning costs, as ratios to a plain reference: $(OUT)/benchmarks.md and .png (10 minutes)"
 	@echo "make trust   slow evidence: the slow tests, and every built-in scene with 10 seeds, planned and checked"
 	@echo "make compile compile the kernels ahead; demo, test, bench and trust do it where it is due"
 	@echo "make format  put the sources into the checked format"
@@ -77,6 +78,11 @@ bench: $(COMPILED)
 	@$(BIN)/regrasp bench paper
 	@$(BIN)/regrasp bench minima
 
+benchmarks: $(COMPILED)
+	@mkdir -p $(OUT)
+	@$(BIN)/python -m benchmarks -o $(OUT)/benchmarks.json
+	@echo "== the table is $(OUT)/benchmarks.md, its picture $(OUT)/benchmarks.png"
+
 trust: $(COMPILED)
 	@echo "== the slow tests"
 	@$(BIN)/python -m pytest -m slow || test $$? -eq 5
@@ -91,4 +97,4 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -208,7 +208,7 @@ def test_energies_are_the_same_after_all_has_been_forgotten(each: Arc, seed: int
     place = problem.current.at.copy()
     used, full = int(problem.found.used[0]), len(problem.found.q)
     problem.found.used[0] = full - 65
-    make_room(*problem.model, problem.current)
+    make_room(problem.found, problem.work, problem.current)
     n, k = problem.current.V.shape
     assert problem.found.used[0] <= 1 + k + n * k < used
     assert not problem.work.pairs.taken.any()
@@ -217,7 +217,7 @@ def test_energies_are_the_same_after_all_has_been_forgotten(each: Arc, seed: int
     same_states(problem, same)
     assert [problem.evaluate(move, np.inf) for move in moves] == before
     used = int(problem.found.used[0])
-    make_room(*problem.model, problem.current)
+    make_room(problem.found, problem.work, problem.current)
     assert problem.found.used[0] == used  # while there is room nothing is forgotten
 
 

@@ -16,6 +16,7 @@ from regrasp.bench.kernels import compile_kernels, say
 from regrasp.errors import RegraspError
 from regrasp.planner.chain import Change, Codes, ContactMotions, anneal
 from regrasp.planner.configurations import Grasp
+from regrasp.planner.energy import make_room
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
 from regrasp.planner.motion import detail
@@ -56,6 +57,7 @@ class SingleEntries(ContactMotions):
 
     def propose(self, rng: np.random.Generator) -> Change:
         """One entry drawn anew."""
+        make_room(self.found, self.work, self.current)
         V = self.current.V.copy()
         j, i = (int(rng.integers(size)) for size in V.shape)
         code = int(rng.integers(MOTION_COUNT))

@@ -90,52 +90,37 @@ def propose(
 @njit(cache=True, nogil=True)
 def metropolis(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
-    u: Array, start: float, cooled: float, first_move: int, moves: int, elapsed: float,
-    E: float, best_E: float, best: Codes, energies: Array, best_energies: Array,
+    u: Array, trial: bool, start: float, cooled: float, first_move: int, moves: int, elapsed: float,
+    E: float, best_E: float, best: Codes, energies: Array, offered: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """len(u) Metropolis moves from cur, whose energy is E: (E, the least E met).
 
     u (len(u), DRAWS + sample + 1): uniform on [0, 1), the last of each row for the threshold. The moves are first_move … of
-    `moves`, at temperatures from `start` down to `cooled` of it (`search.annealing.temperature`). best: the V of the least
-    energy, in and out; energies, best_energies: after every move, out.
+    `moves`, at temperatures from `start` down to `cooled` of it (`search.annealing.temperature`). trial: they are made where
+    E does not rise, and known where it does; then nothing is drawn for the threshold. best: the V of the least energy, in and
+    out; energies: after every move, offered: that it was offered, inf above the threshold, out.
     """
+    draws = DRAWS + terms.sample
     for r in range(len(u)):
-        make_room(hand, path, scan, terms, found, work, cur)
-        done = (first_move + r) / max(moves - 1, 1)
-        bound = E - start * math.pow(cooled, max(elapsed, done)) * math.log(1.0 - u[r, -1])
-        limit = bound if work.shortcuts.bound else np.inf
-        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :-1], limit, new)
+        make_room(found, work, cur)
+        bound = limit = np.inf
+        if not trial:
+            done = (first_move + r) / max(moves - 1, 1)
+            bound = E - start * math.pow(cooled, max(elapsed, done)) * math.log(1.0 - u[r, draws])
+            if work.shortcuts.bound:
+                limit = bound
+        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r, :draws], limit, new)
         value, last = np.inf, first
         if i >= 0:
             value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, bound, cur, new)
-        if value <= bound:
+        if value <= (E if trial else bound):
             copy_intervals(new, cur, first, last)
             E = value
             if best_E > E:
                 best_E = E
                 best[:] = cur.V
-        energies[r], best_energies[r] = E, best_E
+        energies[r], offered[r] = E, value
     return E, best_E
-
-
-@njit(cache=True, nogil=True)
-def descend(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
-    u: Array, E: float, rises: Array,
-) -> tuple[float, int]:  # fmt: skip
-    """len(u) trial moves, of which those that don't rise are made: (E, how many rises were written to `rises`)."""
-    count = 0
-    for r in range(len(u)):
-        make_room(hand, path, scan, terms, found, work, cur)
-        i, first, final = propose(hand, path, scan, terms, found, work, cur, u[r], np.inf, new)
-        value, first, last = evaluate(hand, path, scan, terms, found, work, i, first, final, np.inf, cur, new)
-        if value <= E:
-            copy_intervals(new, cur, first, last)
-            E = value
-        elif value < np.inf:
-            rises[count] = value - E
-            count += 1
-    return E, count
 
 
 @dataclass(frozen=True)
@@ -171,7 +156,7 @@ class ContactMotions:
 
     def reset(self, V: Codes) -> None:
         """Take V as the current state, evaluated from scratch."""
-        make_room(*self.model, self.current)
+        make_room(self.found, self.work, self.current)
         self.trial.V[:] = V
         self._energy, _, _ = evaluate(*self.model, -1, 0, len(V) - 1, np.inf, self.current, self.trial)
         copy_intervals(self.trial, self.current, 0, len(V))
@@ -182,7 +167,7 @@ class ContactMotions:
 
     def propose(self, rng: np.random.Generator) -> Change:
         """A random move (`propose`)."""
-        make_room(*self.model, self.current)
+        make_room(self.found, self.work, self.current)
         move = propose(*self.model, self.current, rng.random(self.draws), np.inf, self.trial)
         return Change(self.trial.V.copy(), *move)
 
@@ -212,26 +197,27 @@ class ContactMotions:
 
     def trials(self, count: int, rng: np.random.Generator) -> Array:
         """Make those of `count` random moves that don't rise; the rises of the others."""
-        rises = np.empty(count)
+        energies, offered = np.empty(count), np.empty(count)
         u = rng.random((count, self.draws))
-        self._energy, found = descend(*self.model, self.current, self.trial, u, self._energy, rises)
-        return rises[:found]
+        self._energy, _ = metropolis(
+            *self.model, self.current, self.trial, u, True, 0.0, 1.0, 0, count, 0.0, self._energy, -math.inf,
+            self.snapshot(), energies, offered,
+        )  # fmt: skip
+        rises = offered - energies
+        return rises[(rises > 0.0) & (rises < math.inf)]
 
     def moves(
         self, settings: Settings, start: float, first: int, count: int, elapsed: float,
         best: Codes, best_energy: float, rng: np.random.Generator,
-    ) -> tuple[float, Array, Array]:  # fmt: skip
-        """Metropolis moves first … first + count − 1 of the schedule: (least energy, energies, least energies so far).
-
-        best: the V of the least energy, in and out.
-        """
-        energies, best_energies = np.empty(count), np.empty(count)
+    ) -> tuple[float, Array]:  # fmt: skip
+        """Metropolis moves first … first + count − 1 of the schedule: (least energy, energies). best: its V, in and out."""
+        energies, offered = np.empty(count), np.empty(count)
         u = rng.random((count, self.draws + 1))
         self._energy, best_energy = metropolis(
-            *self.model, self.current, self.trial, u, start, settings.final, first, settings.iterations, elapsed,
-            self._energy, best_energy, best, energies, best_energies,
+            *self.model, self.current, self.trial, u, False, start, settings.final, first, settings.iterations, elapsed,
+            self._energy, best_energy, best, energies, offered,
         )  # fmt: skip
-        return best_energy, energies, best_energies
+        return best_energy, energies
 
 
 def anneal(
@@ -252,14 +238,14 @@ def anneal(
         rises.append(problem.trials(min(BLOCK, settings.trials - done), rng))
     start = temperature_of(np.concatenate([np.empty(0), *rises]), settings.acceptance)
     best, least = problem.snapshot(), problem.energy()
-    energies, best_energies = [np.array([least])], [np.array([least])]
+    history = [np.array([least])]
     done = 0
     while done < settings.iterations and ((passed := elapsed()) < 1.0 or done == 0):
         if stop(AnnealingState(done, start, problem.energy(), least, best)):
             break
         count = min(BLOCK, settings.iterations - done)
-        least, *history = problem.moves(settings, start, done, count, passed, best, least, rng)
-        energies.append(history[0])
-        best_energies.append(history[1])
+        least, energies = problem.moves(settings, start, done, count, passed, best, least, rng)
+        history.append(energies)
         done += count
-    return Result(best, least, start, np.concatenate(energies), np.concatenate(best_energies))
+    energies = np.concatenate(history)
+    return Result(best, least, start, energies, np.minimum.accumulate(energies))

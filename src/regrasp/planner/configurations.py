@@ -39,7 +39,8 @@ class Configurations(Record):
     the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
 
     after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (k, n + 1, C): on candidate c in configuration
-    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object. R_WL, p_WL: room for one chain.
+    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object. number (N,); R_WL, p_WL, of one
+    chain: scratch.
     """
 
     used: Ints
@@ -57,6 +58,7 @@ class Configurations(Record):
     after: Ints
     standing: Ints
     resting: Ints
+    number: Ints
     R_WB: Array
     p_WB: Array
     R_WL: Array
@@ -112,6 +114,7 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         after=np.zeros((N, MOTION_COUNT), np.int64),
         standing=np.zeros((k, n + 1, len(scan.p_O)), np.int64),
         resting=np.zeros((k, n + 1), np.int64),
+        number=np.zeros(N, np.int64),
         R_WB=R_WB,
         p_WB=p_WB,
         R_WL=np.zeros((joints + 1, 3, 3)),
@@ -127,12 +130,46 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
 
 
 @njit(cache=True, nogil=True)
-def forget_configurations(found: Configurations, k: int) -> None:
-    """Nothing known but the start, as `new_configurations` leaves it."""
-    found.used[0] = k + 1
-    found.after[: k + 1] = 0
+def keep_only(found: Configurations, at: Ints) -> None:
+    """Forget all configurations but the start's and those in `at` (n + 1, k), which get other numbers, as `at` then says."""
+    k, new = at.shape[1], found.number
+    for c in range(found.used[0]):
+        new[c] = 0
+    for j in range(at.shape[0]):
+        for i in range(k):
+            new[at[j, i]] = 1
+    count = 0
+    for c in range(found.used[0]):
+        if c <= k or new[c]:
+            new[c] = count
+            if count < c:
+                copy_configuration(found, c, count)
+            found.after[count] = 0
+            count += 1
+    found.used[0] = count
+    for j in range(at.shape[0]):
+        for i in range(k):
+            at[j, i] = new[at[j, i]]
     found.standing[:] = 0
     found.resting[:] = 0
+
+
+@njit(cache=True, nogil=True)
+def copy_configuration(found: Configurations, source: int, target: int) -> None:
+    """All that is known of a configuration but where it leads."""
+    found.q[target] = found.q[source]
+    found.holds[target], found.lost[target], found.own[target] = (
+        found.holds[source],
+        found.lost[source],
+        found.own[source],
+    )
+    found.p_OC[target], found.p_TC[target], found.R_OT[target] = (
+        found.p_OC[source],
+        found.p_TC[source],
+        found.R_OT[source],
+    )
+    found.n_O[target], found.t_O[target] = found.n_O[source], found.t_O[source]
+    found.R_WG[target], found.p_WG[target] = found.R_WG[source], found.p_WG[source]
 
 
 @njit(cache=True, nogil=True)

@@ -20,7 +20,7 @@ from regrasp.planner.collision import hits
 from regrasp.planner.configurations import (
     SIZE,
     Configurations,
-    forget_configurations,
+    keep_only,
     onward,
     own_hits,
 )
@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 Codes = NDArray[np.int16]
+
+ROOM = 64  # configurations that one proposal looks at, at most
 
 
 @dataclass(frozen=True)
@@ -465,22 +467,12 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True)
-def make_room(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State
-) -> None:  # fmt: skip
-    """Before an evaluation that could run out of configurations: forget all, and find the current state's anew."""
+def make_room(found: Configurations, work: Work, cur: State) -> None:
+    """Before an evaluation that could run out of configurations: forget all but those of the current state."""
     n, k = cur.V.shape
-    if found.used[0] + (k + 1) * (n + 1) + 64 < SIZE:
+    if found.used[0] + (k + 1) * (n + 1) + ROOM < SIZE:
         return
-    forget_configurations(found, k)
+    keep_only(found, cur.at)
     forget(work.pairs)
     forget(work.sums)
     forget(work.ways)
-    for i in range(k):
-        here = cur.at[0, i]
-        for j in range(n):
-            here, _ = onward(
-                hand, path, scan, terms.commands, terms.clearance, found, j, i, here, whole(cur.V[j, i]), True
-            )
-            cur.at[j + 1, i] = here
-            own_hits(hand, found, j + 1, i, here, terms.clearance)

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.inverse import inverse_point
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.energy import Terms
+from regrasp.planner.follow import REACHED
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
@@ -57,6 +59,15 @@ def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array,
     return Grasp(q, holds, p_OC, p_TC, R_OT)
 
 
+def near(hand: Hand, i: int, p_WT: Array, a_W: Array, seed: Array, q: Array, R_WL: Array, p_WL: Array) -> bool:
+    """Joints q of agent i, from the seed, with the tip at p_WT and pointing along a_W as well as it can; whether it gets there.
+
+    What `touch_down` does for chains without a closed form; arms that have one point their tools exactly there or not at all.
+    """
+    q[:] = seed
+    return bool(inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a_W, q, R_WL, p_WL)[0] < REACHED)
+
+
 def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
     """The scene's own start contacts: points on the object are reached by inverse kinematics from the rest posture."""
     R_WO, p_WO = path.R_WO[0, 0], path.p_WO[0, 0]
@@ -83,13 +94,9 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             q = hand.home[first:last].copy()
             project(hand.kind_O, hand.size_O, np.array(contact.point, float), foot, n)
             direction = -n
-        # An arm in closed form points its tool exactly; where it can't against the normal, nearer to its direction at rest.
-        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
-        rest = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
-        tilts = [direction + tilt * rest for tilt in (0.0, 0.5, 1.0, 2.0)]
-        if not any(
-            touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, tilt / (np.linalg.norm(tilt) or 1.0), q, R_WL, p_WL)
-            for tilt in tilts
+        seed = q.copy()
+        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, q, R_WL, p_WL) and not near(
+            hand, i, R_WO @ (foot + hand.size_T[i, 0] * n) + p_WO, R_WO @ direction, seed, q, R_WL, p_WL
         ):
             return Failure(
                 "reach", "start.grasp", contact.agent, f"cannot reach the contact at {np.round(foot, 4).tolist()}",

@@ -98,7 +98,8 @@ def plan_arc(
 
     Each annealing run has one of `parts` equal parts of the time then left, and numbers of its own to draw. Runs go side by
     side, and the first of them, in their order, that breaks no constraint counts: so the result does not depend on how many
-    threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if there is one, and not as hot as the others.
+    threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if
+    there is one, and not as hot as the others.
     """
     done = threading.Event()
 

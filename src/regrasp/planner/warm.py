@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
+import numba
 from numba.core import event
 from numba.core.caching import FunctionCache, _Cache
 from numba.core.codegen import JITCodeLibrary
@@ -17,6 +18,9 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.runtime import rtsys
 
 from regrasp.planner.outcome import Progress, Report
+
+TRIED = "0.68."
+"""The numba whose caches `Lean` and `Stored` know; with any other, kernels load as numba does it, a second slower."""
 
 COMPILING = "compiling the kernels, once, which takes minutes"
 """The stage that is told."""
@@ -122,7 +126,7 @@ class Told(event.Listener):
 def warmed(report: Report) -> Iterator[None]:
     """A context in which kernels come from the cache leanly, and `report` is told of those that have to be compiled."""
     found = kernels()
-    for kernel in found:
+    for kernel in found if numba.__version__.startswith(TRIED) else ():
         if isinstance(kernel._cache, FunctionCache):
             kernel._cache = Lean(kernel._cache)
     with event.install_listener("numba:compile", Told(found, report)):

@@ -1,0 +1,173 @@
+"""The chain over V on whole jobs, against the same chain with every exact shortcut off: each V whole, nothing remembered."""
+
+import dataclasses
+import statistics
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.measure import Row, compared, row, seconds_of
+from regrasp.bench.searches import PAPER_ITERATIONS, Job, job, search
+from regrasp.planner.chain import Codes, ContactMotions, anneal
+from regrasp.planner.configurations import forget_configurations
+from regrasp.planner.energy import Shortcuts
+from regrasp.planner.local import random_motions, terms_of
+from regrasp.planner.memory import forget
+from regrasp.planner.scan import new_scan
+from regrasp.scene.load import builtin
+from regrasp.search.annealing import Settings as Annealing
+
+PLAIN = Shortcuts(changed=0, memory=0, warm=0, bound=0)
+SWITCHED: dict[str, dict[str, int]] = {
+    "only what a change reaches": {"changed": 0},
+    "memory": {"memory": 0},
+    "warm force programs": {"warm": 0},
+    "early end at the threshold": {"bound": 0},
+}
+"""Shortcut in words → the change of `Shortcuts` that switches it off."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One annealing run: s from the random V to the best one, energies after every iteration, what was counted."""
+
+    seconds: float
+    energies: NDArray[np.float64]
+    best: Codes
+    counts: dict[str, int]
+
+
+def problem_of(work: Job, V: Codes, shortcuts: Shortcuts) -> ContactMotions:
+    """Eq. (1) on the job with V evaluated, nothing known of the scan."""
+    hand, local = work.task.hand, work.task.settings.local
+    scan = new_scan(hand, work.path, local.relocation)
+    return ContactMotions(hand, work.path, scan, terms_of(hand, local), work.grasp, V, shortcuts)
+
+
+def start_of(work: Job, seed: int) -> Codes:
+    """A random V whose relocations name candidates of the scan as the job's settings have it."""
+    settings = work.task.settings.local.relocation
+    candidates = len(new_scan(work.task.hand, work.path, settings).p_O)
+    return random_motions(len(work.path.R_WO), len(work.task.names), candidates, np.random.default_rng(seed))
+
+
+def chain(work: Job, seed: int, annealing: Annealing, shortcuts: Shortcuts) -> Chain:
+    """Anneal from a random V."""
+    V = start_of(work, seed)
+    started = time.perf_counter()
+    problem = problem_of(work, V, shortcuts)
+    found = anneal(problem, annealing, np.random.default_rng(seed))
+    seconds = time.perf_counter() - started
+    counts = problem.work.counts
+    return Chain(
+        seconds,
+        found.energies,
+        found.best,
+        {f.name: int(getattr(counts, f.name)[0]) for f in dataclasses.fields(counts)},
+    )
+
+
+def against_plain(
+    group: str, name: str, work: Job, annealing: Annealing, seeds: int, plain: Shortcuts = PLAIN, **more: Any
+) -> Row:  # fmt: skip
+    """The same runs with and without shortcuts: s per iteration, trial moves counted as such; both must be one chain."""
+    moves = annealing.iterations + annealing.trials
+    ours, reference = [], []
+    for seed in range(seeds):
+        fast, slow = chain(work, seed, annealing, Shortcuts()), chain(work, seed, annealing, plain)
+        np.testing.assert_allclose(fast.energies, slow.energies, rtol=1e-9)
+        ours.append(fast.seconds / moves)
+        reference.append(slow.seconds / moves)
+    return compared(group, name, ours, reference, **more)
+
+
+def paper(work: Job, seeds: int, iterations: int = PAPER_ITERATIONS) -> list[Row]:
+    """The paper's job from random V's to finished motions, with all shortcuts, and each switched off in turn."""
+    annealing = dataclasses.replace(work.task.settings.local.annealing, iterations=iterations)
+    runs = [search(work, work.random_start(seed), annealing, seed) for seed in range(seeds)]
+    times = [run.seconds for run in runs]
+    feasible = f"{sum(run.feasible for run in runs)} of {seeds} feasible"
+    group = "the paper's job"
+    found = [
+        row(group, "from a random V to the motion", times, "s", note=f"slowest {max(times):.3f} s; {feasible}"),
+        row(group, "energy at the end", [run.after for run in runs], ""),
+    ]  # fmt: skip
+    few = min(seeds, 5)
+    for words, change in SWITCHED.items():
+        ours, reference = [], []
+        counts: list[tuple[dict[str, int], dict[str, int]]] = []
+        for seed in range(few):
+            fast, slow = chain(work, seed, annealing, Shortcuts()), chain(work, seed, annealing, Shortcuts(**change))
+            np.testing.assert_allclose(fast.energies, slow.energies, rtol=1e-9)
+            ours.append(fast.seconds)
+            reference.append(slow.seconds)
+            counts.append((fast.counts, slow.counts))
+        found.append(compared(group, f"annealing, reference without: {words}", ours, reference, note=more_work(counts)))
+    plain = against_plain(group, "annealing, per move; reference without all", work, annealing, min(seeds, 3))
+    return [*found, plain]
+
+
+def more_work(counts: list[tuple[dict[str, int], dict[str, int]]]) -> str:
+    """How many times more often the reference did what."""
+    words = {
+        "configurations": "contacts followed",
+        "programs": "force programs",
+        "pivots": "pivots",
+        "ways": "free motions",
+    }
+    times = {key: statistics.median(b[key] / max(a[key], 1) for a, b in counts) for key in words}
+    return ", ".join(f"{words[key]} × {times[key]:.1f}" for key in words if abs(times[key] - 1.0) > 0.05)
+
+
+def scenes(iterations: int, seeds: int) -> list[Row]:
+    """The first arc of every built-in scene: s per move of its annealing."""
+    annealing = Annealing(iterations=iterations, trials=100)
+    return [against_plain("built-in scenes, one move", name, job(name), annealing, seeds) for name in builtin()]
+
+
+def from_scratch(problem: ContactMotions, V: Codes) -> float:
+    """s of the evaluation of a whole V of which nothing is known, not even the scan."""
+    _, _, scan, _, found, work = problem.model
+    forget_configurations(found, V.shape[1])
+    for memory in (work.pairs, work.sums, work.ways):
+        forget(memory)
+    scan.status[:] = 0
+    scan.kept[:] = -1.0
+    return seconds_of(lambda: problem.reset(V))
+
+
+def moves_apart(work: Job, repeats: int) -> list[Row]:
+    """What one move is made of: the proposal, and its evaluation beside the same V's evaluated whole."""
+    V = start_of(work, 0)
+    annealed = chain(work, 0, Annealing(iterations=1000), Shortcuts()).best
+    fast, slow = problem_of(work, annealed, Shortcuts()), problem_of(work, annealed, PLAIN)
+    rng = np.random.default_rng(0)
+    proposing, ours, reference = [], [], []
+    for _ in range(repeats):
+        spent = [0.0, 0.0, 0.0]
+        for _ in range(100):
+            started = time.perf_counter()
+            move = fast.propose(rng)
+            bound = fast.energy() + rng.exponential(1.0)
+            proposed = time.perf_counter()
+            value = fast.evaluate(move, bound)
+            evaluated = time.perf_counter()
+            slow.reset(move.V)
+            spent[2] += time.perf_counter() - evaluated
+            spent[0] += proposed - started
+            spent[1] += evaluated - proposed
+            whole = slow.energy()
+            assert (value == np.inf and whole > bound) or np.isclose(value, whole, rtol=1e-9)
+        proposing.append(spent[0] / 100)
+        ours.append(spent[1] / 100)
+        reference.append(spent[2] / 100)
+    scratch = [from_scratch(fast, V) for _ in range(repeats)]
+    group = "one move, its call from Python included"
+    return [
+        row(group, "propose", proposing, "s"),
+        compared(group, "evaluate", ours, reference, note="reference: V whole, no shortcuts"),
+        row(group, "evaluate a random V from scratch", scratch, "s", note="nothing known of the scan either"),
+    ]
