@@ -41,7 +41,7 @@ def test_a_search_counts_its_evaluations_and_is_the_same_for_the_same_seed(paper
     assert (cold.evaluations, cold.before) == (50, first.before)
 
 
-@pytest.mark.parametrize("moves", list(bench.MOVES))
+@pytest.mark.parametrize("moves", bench.MOVES)
 def test_proposals_make_room_for_their_evaluation(paper_job, moves):
     """Searches of any length stay within the configurations that are kept."""
     hand, local = paper_job.task.hand, paper_job.task.settings.local

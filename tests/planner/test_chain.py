@@ -42,20 +42,56 @@ def annealed(a: Arc, shortcuts: Shortcuts, seed: int):
     return problem, chain.anneal(problem, SETTINGS, rng)
 
 
+def moved_alike(one, other, **tolerance: float) -> None:
+    """Two runs accept the same moves with the same energies, and find the same best V."""
+    assert len(set(one.energies)) > 10  # the chain moves
+    for name in ("energies", "best_energies", "start_temperature"):
+        np.testing.assert_allclose(getattr(other, name), getattr(one, name), err_msg=name, **tolerance)
+    np.testing.assert_array_equal(other.best, one.best)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("off", [name for name in OFF if name != "warm"])
+def test_what_is_left_out_was_not_needed_to_the_last_bit(each: Arc, off: str, seed: int) -> None:
+    """Without warm starts, which move the last bits: any other shortcut, or all of them, on and off."""
+    cold = Shortcuts(warm=0)
+    without, other = annealed(each, dataclasses.replace(OFF[off], warm=0), seed)
+    with_all, result = annealed(each, cold, seed)
+    moved_alike(result, other, rtol=0.0, atol=0.0)
+    np.testing.assert_array_equal(without.snapshot(), with_all.snapshot())
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("off", OFF)
-def test_no_shortcut_changes_the_chain(each: Arc, off: str, seed: int) -> None:
+def test_no_shortcut_changes_the_chain(each: Arc, off: str, seed: int, request: pytest.FixtureRequest) -> None:
     """With any of them off, and with all, the same moves are accepted, with the same energies, and the same V is best.
 
-    A force program that starts elsewhere ends at the same optimum up to the last bits; without them energies are equal."""
+    A force program that starts elsewhere ends at the same optimum up to the last bits."""
+    if (each.task.world.scene.name, off, seed) == ("fig4-relocation", "memory", 0):
+        why = "a trial move that leaves E as it is falls to one side or the other with the last bits of its force programs"
+        request.applymarker(pytest.mark.xfail(strict=True, reason=why))
     with_all, result = annealed(each, ALL, seed)
     without, other = annealed(each, OFF[off], seed)
-    assert len(set(result.energies)) > 10  # the chain moves
-    np.testing.assert_allclose(other.energies, result.energies, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(other.best_energies, result.best_energies, rtol=1e-9, atol=1e-9)
-    assert other.start_temperature == pytest.approx(result.start_temperature, rel=1e-9)
-    np.testing.assert_array_equal(other.best, result.best)
+    moved_alike(result, other, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(without.snapshot(), with_all.snapshot())
+
+
+def test_warm_starts_leave_every_energy_as_it_is(each: Arc) -> None:
+    """Move by move along one chain, to the last bits; supports and agents come and go on the way."""
+    rng = np.random.default_rng(2)
+    warm, cold = (
+        each.problem(each.random(np.random.default_rng(1)), shortcuts) for shortcuts in (ALL, Shortcuts(warm=0))
+    )
+    finite = 0
+    for _ in range(250):
+        move = warm.propose(rng)
+        values = [problem.evaluate(move, np.inf) for problem in (warm, cold)]
+        assert values[0] == pytest.approx(values[1], rel=1e-11)
+        finite += values[0] < np.inf
+        if values[0] <= warm.energy() + rng.exponential(2.0):
+            warm.accept(move)
+            cold.accept(move)
+    assert finite > 200
 
 
 def both(a: Arc, settings: Settings, seed: int) -> tuple[list, list]:

@@ -5,7 +5,6 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
-from regrasp.kernels.inverse import inverse_point
 from regrasp.planner.method import arc_path, first_grasp, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.scene.load import load
@@ -72,12 +71,12 @@ def test_an_agent_that_is_off_rests_and_the_others_hold() -> None:
     assert oracle.clear() >= -1e-6
 
 
-def given(contacts: list[dict], position: list[float] | None = None):
+def given(contacts: list[dict], position: list[float] | None = None, off: tuple[str, ...] = ()):
     scene = load("fig3-puma3")
     pose = scene.start.pose.model_dump(mode="json", exclude_defaults=True)
     if position:
         pose["position"] = position
-    task = prepare(changed(scene, start={"pose": pose, "grasp": contacts}), SMALL)
+    task = prepare(changed(scene, start={"pose": pose, "grasp": contacts, "off": off}), SMALL)
     path = arc_path(task, task.router.grid.start, task.router.grid.goal)[0]
     return Arc(task, path, None), first_grasp(task, path, np.random.default_rng(0))
 
@@ -98,13 +97,15 @@ def test_a_grasp_given_by_points_touches_there() -> None:
 
 
 def test_a_given_point_within_reach_is_touched_however_the_tool_has_to_point() -> None:
-    """The finger stands under the object and reaches the point with its tool 31° off the normal, not nearer."""
-    a, grasp = given([{"agent": "finger1", "point": [0.045, 0, 0]}], [0.4, 0.0, 0.4])
-    target = np.array([0.4, 0.0, 0.4]) + [0.045 + a.hand.size_T[0, 0], 0.0, 0.0]
-    q, R, p = a.hand.home[:6].copy(), np.empty((7, 3, 3)), np.empty((7, 3))
-    residual, _ = inverse_point(a.hand.chains, 0, target, a.hand.axis_T[0], np.array([-1.0, 0.0, 0.0]), q, R, p)
-    assert residual < 1e-9
+    """The finger stands under the object and reaches the point with its tool far off the normal only."""
+    a, grasp = given([{"agent": "finger1", "point": [0.045, 0, 0]}], [0.4, 0.0, 0.4], ("finger2", "finger3"))
     assert not isinstance(grasp, Failure), str(grasp)
+    oracle = Oracle(a.task)
+    R, p = a.path.R_WO[0, 0], a.path.p_WO[0, 0]
+    oracle.put(R, p, grasp.q)
+    R_WT, p_WT = oracle.tip(0)
+    np.testing.assert_allclose(R.T @ (p_WT - p), [0.045 + a.hand.size_T[0, 0], 0.0, 0.0], atol=1e-6)
+    assert -(R.T @ R_WT @ a.hand.axis_T[0])[0] < np.cos(0.5)  # no solution is nearer to the normal than 31°
 
 
 def test_points_off_the_surface_are_taken_to_it() -> None:

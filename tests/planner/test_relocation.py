@@ -9,10 +9,10 @@ from arcs import NAMES, SMALL, Arc, arc, made
 from scipy.optimize import linprog
 
 from regrasp.kernels.surfaces import tangents
-from regrasp.planner.chain import ContactMotions
+from regrasp.planner.chain import Change, ContactMotions
 from regrasp.planner.configurations import standing
 from regrasp.planner.motions import OFF, ONTO, RELOCATE, STAY
-from regrasp.planner.relocation import NEIGHBOURS, choose, objective
+from regrasp.planner.relocation import NEIGHBOURS, choose, hopeless, objective
 from regrasp.planner.reserve import Margins
 from regrasp.planner.scan import BARRED, Relocation, outlook_of
 from regrasp.planner.supports import SLIDE, STICK
@@ -162,6 +162,32 @@ def test_the_best_of_the_candidates_compared_is_chosen(name: str) -> None:
                 assert values[chosen] == pytest.approx(min(values.values()), rel=1e-9)
     assert compared > 5
     assert swapped > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_hopeless_is_above_the_bound_wherever_the_agent_goes(name: str) -> None:
+    """The energies with every candidate exceed the bound, whatever else changes before; and no bound at all is hopeless."""
+    a, rng = few_candidates(name), np.random.default_rng(0)
+    hand, path, _, terms, *_ = staying(a).model
+    n, k = len(path.R_WO), len(a.task.names)
+    seen = [0, 0]
+    for _ in range(12):
+        V = np.where(rng.random((n, k)) < 0.3, a.random(rng), STAY).astype(np.int16)
+        problem = a.problem(np.where(V >= ONTO, STAY, V))
+        i, j = rng.integers(k), rng.integers(n)
+        first = rng.integers(j + 1)
+        other = problem.snapshot()
+        other[first, i] = rng.choice([STAY, OFF])
+        energies = []
+        for c in range(len(problem.model[2].p_O)):
+            other[j, i] = ONTO + c
+            energies.append(problem.evaluate(Change(other, i, first, j), np.inf))
+        assert not hopeless(hand, path, terms, problem.found, problem.work, problem.current, first, j, i, np.inf)
+        for bound in (0.1, 0.5 * problem.energy(), problem.energy(), problem.energy() + 3.0, min(energies)):
+            lost = hopeless(hand, path, terms, problem.found, problem.work, problem.current, first, j, i, bound)
+            assert not lost or min(energies) > bound
+            seen[lost] += 1
+    assert min(seen) > 5
 
 
 def test_where_nothing_holds_or_nobody_stands_there_is_a_choice_nonetheless() -> None:
