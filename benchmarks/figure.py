@@ -36,12 +36,12 @@ def draw(rows: list[Row], path: Path) -> None:
     shown = {}
     for row in rows:
         if row.group.startswith("the paper's job, one move"):
-            shown[row.name.replace("reference", "the paper's job")] = row
+            shown[row.name.replace("reference", "paper's job")] = row
         elif row.group.startswith(ARC) and row.name.endswith(ALL):
             shown[row.group.removeprefix(ARC).replace(", one move", f" without {ALL}")] = row
         elif row.group.startswith("threads"):
             shown[row.name] = row
-    bars(right, "moves: times faster than the reference, and on two threads than on one", shown)
+    bars(right, "moves: times faster than the reference", shown)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -76,9 +76,7 @@ def bars(panel: Axes, title: str, named: dict[str, Row]) -> None:
     whiskers = [ratio * row.spread for ratio, row in zip(ratios, rows, strict=True)]
     colours = [BLUE if ratio >= 1.0 else ORANGE for ratio in ratios]
     panel.barh(range(len(rows)), [r - 1.0 for r in ratios], left=1.0, color=colours, xerr=whiskers, ecolor=GREY)
-    panel.set_yticks(
-        range(len(rows)), [row.name.replace(", reference without", " without") for row in rows], fontsize=8
-    )
+    panel.set_yticks(range(len(rows)), list(named), fontsize=8)
     panel.invert_yaxis()
     panel.set_xscale("log")
     panel.axvline(1.0, color="black", linewidth=0.8)
