@@ -9,7 +9,8 @@ from typing import Annotated
 
 import tyro
 
-from benchmarks import jobs, kernels, plans, scaling, table, tempering
+from benchmarks import jobs, kernels, plans, scaling, table, tempering, threads
+from benchmarks.axes import AXES, paper_job
 from benchmarks.figure import draw
 from benchmarks.measure import Row
 from regrasp.bench.kernels import compile_kernels, say
@@ -25,17 +26,17 @@ def parts(quick: bool) -> dict[str, Callable[[], list[Row]]]:
     few, some, all_ = (1, 3, 2) if quick else (3, 7, 10)
     iterations = 400 if quick else PAPER_ITERATIONS
     tried: dict[str, Callable[[], Job]] = {
-        PAPER_SCENE: scaling.paper_job,
+        PAPER_SCENE: paper_job,
         **{name: partial(job, name) for name in TEMPERED},
     }
-    scalings = {axis: partial(scaling.rows, axis, quick, few) for axis in scaling.AXES}
+    scalings = {axis: partial(scaling.rows, axis, quick, few) for axis in AXES}
     return {
-        "kernels": lambda: kernels.rows(scaling.paper_job(), some),
-        "paper": lambda: jobs.paper(scaling.paper_job(), all_, iterations),
+        "kernels": lambda: kernels.rows(paper_job(), some),
+        "paper": lambda: jobs.paper(paper_job(), all_, iterations),
         "scenes": lambda: jobs.scenes(100 if quick else 600, few),
-        "moves": lambda: jobs.moves_apart(scaling.paper_job(), some),
+        "moves": lambda: jobs.moves_apart(paper_job(), some),
         **scalings,
-        "threads": lambda: scaling.threads(scaling.paper_job(), iterations, some),
+        "threads": lambda: threads.rows(paper_job(), iterations, some),
         "plans": lambda: plans.rows(1 if quick else 5, plans.LIMITS[3:4] if quick else plans.LIMITS),
         "tempering": lambda: tempering.rows(
             {name: made() for name, made in tried.items()}, few if quick else 8, iterations

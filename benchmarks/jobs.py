@@ -4,7 +4,6 @@ import dataclasses
 import statistics
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +21,21 @@ from regrasp.search.annealing import Settings as Annealing
 
 PLAIN = Shortcuts(changed=0, memory=0, warm=0, bound=0)
 SWITCHED: dict[str, dict[str, int]] = {
-    "only what a change reaches": {"changed": 0},
+    "evaluating only what a change reaches": {"changed": 0},
     "memory": {"memory": 0},
     "warm force programs": {"warm": 0},
-    "early end at the threshold": {"bound": 0},
+    "the early end at the threshold": {"bound": 0},
 }
 """Shortcut in words → the change of `Shortcuts` that switches it off."""
+ALL = "all of them"
+ARC = "first arc of "
 
 
 @dataclass(frozen=True)
 class Chain:
-    """One annealing run: s from the random V to the best one, energies after every iteration, what was counted."""
+    """One annealing run from a random V: s per move, trial moves too, energies after every iteration, what was counted."""
 
-    seconds: float
+    seconds_per_move: float
     energies: NDArray[np.float64]
     best: Codes
     counts: dict[str, int]
@@ -55,59 +56,52 @@ def start_of(work: Job, seed: int) -> Codes:
 
 
 def chain(work: Job, seed: int, annealing: Annealing, shortcuts: Shortcuts) -> Chain:
-    """Anneal from a random V."""
-    V = start_of(work, seed)
+    """Anneal from a random V that has been evaluated."""
+    problem = problem_of(work, start_of(work, seed), shortcuts)
     started = time.perf_counter()
-    problem = problem_of(work, V, shortcuts)
     found = anneal(problem, annealing, np.random.default_rng(seed))
     seconds = time.perf_counter() - started
-    counts = problem.work.counts
-    return Chain(
-        seconds,
-        found.energies,
-        found.best,
-        {f.name: int(getattr(counts, f.name)[0]) for f in dataclasses.fields(counts)},
-    )
+    done, moves = problem.work.counts, annealing.iterations + annealing.trials
+    counts = {field.name: int(getattr(done, field.name)[0]) for field in dataclasses.fields(done)}
+    return Chain(seconds / moves, found.energies, found.best, counts)
 
 
-def against_plain(
-    group: str, name: str, work: Job, annealing: Annealing, seeds: int, plain: Shortcuts = PLAIN, **more: Any
-) -> Row:  # fmt: skip
-    """The same runs with and without shortcuts: s per iteration, trial moves counted as such; both must be one chain."""
-    moves = annealing.iterations + annealing.trials
-    ours, reference = [], []
-    for seed in range(seeds):
-        fast, slow = chain(work, seed, annealing, Shortcuts()), chain(work, seed, annealing, plain)
-        np.testing.assert_allclose(fast.energies, slow.energies, rtol=1e-9)
-        ours.append(fast.seconds / moves)
-        reference.append(slow.seconds / moves)
-    return compared(group, name, ours, reference, **more)
+def pair(work: Job, seed: int, annealing: Annealing, reference: Shortcuts = PLAIN) -> tuple[Chain, Chain]:
+    """One annealing with all shortcuts and with the reference's; both must be one chain."""
+    fast, slow = (chain(work, seed, annealing, shortcuts) for shortcuts in (Shortcuts(), reference))
+    np.testing.assert_allclose(fast.energies, slow.energies, rtol=1e-9)
+    return fast, slow
+
+
+def gains(group: str, work: Job, annealing: Annealing, seeds: int) -> list[Row]:
+    """What each shortcut gains by itself, and all together: s per move, beside the same chain without."""
+    found = []
+    for words, change in [*SWITCHED.items(), (ALL, {key: 0 for each in SWITCHED.values() for key in each})]:
+        pairs = [pair(work, seed, annealing, Shortcuts(**change)) for seed in range(seeds)]
+        ours, reference = ([chain.seconds_per_move for chain in side] for side in zip(*pairs, strict=True))
+        note = more_work([(fast.counts, slow.counts) for fast, slow in pairs])
+        found.append(compared(group, f"reference without {words}", ours, reference, note=note))
+    return found
 
 
 def paper(work: Job, seeds: int, iterations: int = PAPER_ITERATIONS) -> list[Row]:
-    """The paper's job from random V's to finished motions, with all shortcuts, and each switched off in turn."""
+    """The paper's job from random V's to finished motions; then what its shortcuts gain."""
     annealing = dataclasses.replace(work.task.settings.local.annealing, iterations=iterations)
     runs = [search(work, work.random_start(seed), annealing, seed) for seed in range(seeds)]
     times = [run.seconds for run in runs]
     feasible = f"{sum(run.feasible for run in runs)} of {seeds} feasible"
     group = "the paper's job"
-    found = [
+    return [
         row(group, "from a random V to the motion", times, "s", note=f"slowest {max(times):.3f} s; {feasible}"),
         row(group, "energy at the end", [run.after for run in runs], ""),
-    ]  # fmt: skip
-    few = min(seeds, 5)
-    for words, change in SWITCHED.items():
-        ours, reference = [], []
-        counts: list[tuple[dict[str, int], dict[str, int]]] = []
-        for seed in range(few):
-            fast, slow = chain(work, seed, annealing, Shortcuts()), chain(work, seed, annealing, Shortcuts(**change))
-            np.testing.assert_allclose(fast.energies, slow.energies, rtol=1e-9)
-            ours.append(fast.seconds)
-            reference.append(slow.seconds)
-            counts.append((fast.counts, slow.counts))
-        found.append(compared(group, f"annealing, reference without: {words}", ours, reference, note=more_work(counts)))
-    plain = against_plain(group, "annealing, per move; reference without all", work, annealing, min(seeds, 3))
-    return [*found, plain]
+        *gains(f"{group}, one move", work, annealing, min(seeds, 5)),
+    ]
+
+
+def scenes(iterations: int, seeds: int) -> list[Row]:
+    """What the shortcuts gain on the first arc of every built-in scene."""
+    annealing = Annealing(iterations=iterations, trials=100)
+    return [each for name in builtin() for each in gains(f"{ARC}{name}, one move", job(name), annealing, seeds)]
 
 
 def more_work(counts: list[tuple[dict[str, int], dict[str, int]]]) -> str:
@@ -120,12 +114,6 @@ def more_work(counts: list[tuple[dict[str, int], dict[str, int]]]) -> str:
     }
     times = {key: statistics.median(b[key] / max(a[key], 1) for a, b in counts) for key in words}
     return ", ".join(f"{words[key]} × {times[key]:.1f}" for key in words if abs(times[key] - 1.0) > 0.05)
-
-
-def scenes(iterations: int, seeds: int) -> list[Row]:
-    """The first arc of every built-in scene: s per move of its annealing."""
-    annealing = Annealing(iterations=iterations, trials=100)
-    return [against_plain("built-in scenes, one move", name, job(name), annealing, seeds) for name in builtin()]
 
 
 def from_scratch(problem: ContactMotions, V: Codes) -> float:
@@ -145,6 +133,8 @@ def moves_apart(work: Job, repeats: int) -> list[Row]:
     annealed = chain(work, 0, Annealing(iterations=1000), Shortcuts()).best
     fast, slow = problem_of(work, annealed, Shortcuts()), problem_of(work, annealed, PLAIN)
     rng = np.random.default_rng(0)
+    for _ in range(500):  # until the scan is known about as well as it is in the middle of a run
+        fast.propose(rng)
     proposing, ours, reference = [], [], []
     for _ in range(repeats):
         spent = [0.0, 0.0, 0.0]

@@ -61,7 +61,7 @@ def number(value: float | None, unit: str) -> str:
         return "never"
     if unit == "s":
         for factor, word in ((1e9, "ns"), (1e6, "µs"), (1e3, "ms")):
-            if value * factor < 1000.0:
+            if abs(value) * factor < 999.5:
                 return f"{value * factor:.3g} {word}"
         return f"{value:.3g} s"
     if unit == "certified":

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import jobs, reference, scaling, table
+from benchmarks import axes, jobs, reference, table
 from benchmarks.measure import Row, compared, exponent, spread_of
 from regrasp.kernels.basis import program
 from regrasp.kernels.chains import forward
@@ -26,7 +26,7 @@ PLAIN = Row("the first certified plan", "fig2", 0.3, "s", 0.02, 5)
 
 @pytest.fixture(scope="module")
 def paper_job():
-    return scaling.paper_job()
+    return axes.paper_job()
 
 
 def test_ratios_are_taken_pair_by_pair():
@@ -160,7 +160,7 @@ def test_shortcuts_leave_the_chain_and_take_work_off(paper_job):
 def test_the_work_of_an_evaluation_grows_linearly_with_the_intervals():
     """From nothing: every agent is followed through every interval once, a force program stands at each end at most twice."""
     for n in (10, 20, 40):
-        work = scaling.longer(n)
+        work = axes.longer(n)
         assert len(work.path.R_WO) == n
         problem = jobs.problem_of(work, jobs.start_of(work, 0), Shortcuts())
         counts = problem.work.counts
@@ -171,7 +171,7 @@ def test_the_work_of_an_evaluation_grows_linearly_with_the_intervals():
 
 def test_obstacles_are_clear_of_the_motion_without_them():
     """Among obstacles the same V has the same energy: they cost time, and that alone is measured."""
-    free, among = scaling.among(0), scaling.among(25)
+    free, among = axes.among(0), axes.among(25)
     V = jobs.start_of(free, 0)
     assert among.task.hand.object_geom - free.task.hand.object_geom == 25
     first, second = (jobs.problem_of(work, V, Shortcuts()) for work in (free, among))
