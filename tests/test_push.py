@@ -14,7 +14,7 @@ from regrasp.planner.replan import Replanner
 
 
 def test_a_pushed_object_still_reaches_its_goal() -> None:
-    plan = planned("fig4-relocation", 1)
+    plan = planned("fig4-relocation", 0)
     push = upwards(plan)
     alone, again = run(plan, push, None), run(plan, push, Replanner(plan))
     assert alone.dropped

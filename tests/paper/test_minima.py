@@ -48,7 +48,7 @@ def test_downhill_ends_in_different_local_minima(searches):
             ):
                 other = V.copy()
                 other[j, i] = code
-                make_room(*cold.model, cold.current)
+                make_room(cold.found, cold.work, cold.current)
                 around.append(cold.evaluate(Change(other, i, j, j), math.inf))
         if min(around) >= cold.energy() - 1e-9:
             minima[V.tobytes()] = cold.energy()
