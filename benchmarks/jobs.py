@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.measure import Row, compared, row, seconds_of
 from regrasp.bench.searches import PAPER_ITERATIONS, Job, job, search
 from regrasp.planner.chain import Codes, ContactMotions, anneal
-from regrasp.planner.configurations import forget_configurations
+from regrasp.planner.configurations import keep_only
 from regrasp.planner.energy import Shortcuts
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.memory import forget
@@ -119,7 +119,7 @@ def more_work(counts: list[tuple[dict[str, int], dict[str, int]]]) -> str:
 def from_scratch(problem: ContactMotions, V: Codes) -> float:
     """s of the evaluation of a whole V of which nothing is known, not even the scan."""
     _, _, scan, _, found, work = problem.model
-    forget_configurations(found, V.shape[1])
+    keep_only(found, 1 + np.arange(V.shape[1])[None])
     for memory in (work.pairs, work.sums, work.ways):
         forget(memory)
     scan.status[:] = 0

@@ -15,7 +15,7 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.energy import Shortcuts
 from regrasp.planner.motion import detail
 from regrasp.search.annealing import Settings as Annealing
-from regrasp.search.annealing import temperature, temperature_of
+from regrasp.search.annealing import temperature_of
 
 STARTS = 3
 """Annealing runs one after the other: the planner's default."""
@@ -54,8 +54,7 @@ def starts(work: Job, annealing: Annealing, seed: int) -> Iterator[tuple[Contact
         hot = measured_temperature(problem, annealing, rng)
         best, least = problem.snapshot(), problem.energy()
         for done in range(0, annealing.iterations, BLOCK):
-            T = np.array([temperature(annealing, hot, done + i) for i in range(BLOCK)])
-            least, _, _ = problem.moves(T, best, least, rng)
+            least, _ = problem.moves(annealing, hot, done, BLOCK, 0.0, best, least, rng)
             yield problem, best, least
 
 
@@ -69,10 +68,11 @@ def tempered(work: Job, annealing: Annealing, seed: int) -> Iterator[tuple[Conta
     T = hot * COLDEST ** (np.arange(REPLICAS) / (REPLICAS - 1))
     best = [problem.snapshot() for problem in problems]
     least = [problem.energy() for problem in problems]
+    even = dataclasses.replace(annealing, final=1.0)
     at = list(range(REPLICAS))  # which chain each temperature has
     for round_ in range(STARTS * annealing.iterations // (REPLICAS * BLOCK)):
         for level, r in enumerate(at):
-            least[r], _, _ = problems[r].moves(np.full(BLOCK, T[level]), best[r], least[r], rng)
+            least[r], _ = problems[r].moves(even, T[level], 0, BLOCK, 0.0, best[r], least[r], rng)
             yield problems[r], best[r], least[r]
         for level in range(round_ % 2, REPLICAS - 1, 2):
             a, b = at[level], at[level + 1]

@@ -12,6 +12,7 @@ from benchmarks.jobs import problem_of, start_of
 from benchmarks.measure import Row, compared, seconds_of
 from regrasp.bench.searches import Job
 from regrasp.planner.energy import Shortcuts
+from regrasp.search.annealing import Settings as Annealing
 
 SINES = 5_000_000
 
@@ -32,13 +33,13 @@ def both(pool: ThreadPoolExecutor, work: Callable[[int], None]) -> None:
 
 def rows(work: Job, moves: int, repeats: int) -> list[Row]:
     """Moves per second, and sines, which share nothing, measured in turn with them."""
-    T = np.full(moves, 0.5)
+    even = Annealing(iterations=moves, final=1.0)
     V = [start_of(work, seed) for seed in range(2)]
     problems = [problem_of(work, each, Shortcuts()) for each in V]
 
     def chain(c: int) -> None:
         problems[c].reset(V[c])
-        problems[c].moves(T, V[c].copy(), problems[c].energy(), np.random.default_rng(0))
+        problems[c].moves(even, 0.5, 0, moves, 0.0, V[c].copy(), problems[c].energy(), np.random.default_rng(0))
 
     def spin(_: int) -> None:
         sines(SINES)

@@ -20,6 +20,7 @@ from regrasp.planner.supports import STICK
 
 Array = NDArray[np.float64]
 
+SAME = 1e-9  # weights by which objectives differ that are equal but for their last bits: a point stands twice
 NEIGHBOURS = 4  # candidates after one that is barred that are asked in its stead
 
 
@@ -130,6 +131,6 @@ def choose(
         if not stands:
             best, stands = c, True
         value = objective(hand, path, scan, terms, found, work, state, j, i, c, there, least)
-        if value < least:
+        if value < least - SAME:
             best, least = c, value
     return best

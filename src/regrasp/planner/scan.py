@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse_point, turn_towards
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import exp, multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.surfaces import project
 from regrasp.kernels.wrist import NONE, solve_all
@@ -93,7 +93,11 @@ def aim(
     turn_towards(R_WL[6], hand.axis_T[i], a, d, w)
     exp(w, E)
     multiply(E, R_WL[6], R)
-    for spin in range(SPINS):
+    # About the last joint's own axis a spin is that joint's turn, which has been tried if it can turn all the way.
+    last = hand.chains.start[i + 1] - 1
+    along = abs(dot(hand.axis_T[i], hand.wrists.h_T[i])) > 1.0 - 1e-12
+    spins = 1 if along and hand.chains.upper[last] - hand.chains.lower[last] >= 2.0 * np.pi else SPINS
+    for spin in range(spins):
         for x in range(3):
             w[x] = 2.0 * np.pi / SPINS * spin * a[x]
         exp(w, E)
