@@ -102,7 +102,7 @@ def plan_arc(
     threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if
     there is one, and not as hot as the others.
     """
-    done = threading.Event()
+    done, one = threading.Event(), threading.Lock()
 
     def search(run: int, rng: np.random.Generator) -> ArcResult | None:
         if run > 0 and (done.is_set() or clock.up()):
@@ -121,11 +121,14 @@ def plan_arc(
             return done.is_set()
 
         result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
-        if done.is_set():
-            return None
-        problem.reset(result.best)
-        motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
-        failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
+        with one:  # the interpreter runs one thread at a time anyway, and who comes second may find all done
+            if done.is_set():
+                return None
+            problem.reset(result.best)
+            motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
+            failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
+            if failure is None and clock.end < math.inf:
+                done.set()
         return ArcResult(motion, result.best, problem.grasp(len(path.R_WO)), np.asarray(result.energies), failure)
 
     rngs, waited = rng.spawn(settings.attempts), [0]
