@@ -32,9 +32,9 @@ LOOK = 0.02
 """s between two measurements of the object."""
 LOST = 2.0
 """Radii of the object off its path, from which on it counts as dropped."""
-REST = 4e-5
-"""m that an object moves at most from one measurement to the next, at rest, counting its turn with its radius; …"""
-STILL = 10
+REST = 1.2e-4
+"""m that an object moves at most from one measurement to the next, nearly at rest, counting its turn with its radius; …"""
+STILL = 4
 """… and for so many measurements."""
 PATIENCE = 20
 """Steps without a plan, one after the other, until all is given up."""
@@ -51,8 +51,8 @@ class Push:
     shift: Array
     turn: Array
     seconds: float = 1.5
-    stiffness: float = 400.0
-    torsion: float = 0.5
+    stiffness: float = 2000.0
+    torsion: float = 1.5
 
     def wrench(self, since: float, off: Array, rate: Array) -> Array:
         """Force and torque (6,) on the object `since` s after the beginning, moved by off (6,) since then at rate (6,)."""
@@ -61,7 +61,7 @@ class Push:
         far = 1.15 * (3 * u * u - 2 * u**3) + 0.4 * max(0.0, since / self.seconds - 1.0)
         wanted = far * np.concatenate([self.shift, self.turn])
         k = np.repeat([self.stiffness, self.torsion], 3)
-        return k * (wanted - off) - 0.01 * k * rate
+        return k * (wanted - off) - 0.005 * k * rate
 
     def is_done(self, off: Array) -> bool:
         """Whether the object is as far off as it should be."""

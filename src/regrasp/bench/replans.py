@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from regrasp.bench.kernels import compile_kernels, say
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse
 from regrasp.plan import RELOCATE, Plan
+from regrasp.planner.along import interval_at, joints_at, pose_at
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.method import Settings, plan_scene
 from regrasp.planner.path import Pose
-from regrasp.planner.replan import Answer, Replanner, interval_at, pose_at
+from regrasp.planner.replan import Answer, Replanner
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
 from regrasp.settings import read
@@ -47,12 +47,6 @@ class Displaced:
     q: Array
 
 
-def joints_at(plan: Plan, t: float) -> Array:
-    """The joints (nq,) that the plan has at time t."""
-    j = interval_at(plan, t)
-    return np.asarray(CubicSpline(plan.time[j], plan.joints[j])(t))
-
-
 def moved(plan: Plan, hand: Hand, t: float, shift: Array, turn: Array) -> Displaced | None:
     """The object displaced from its place at time t, and the joints with which the fingers that hold it went along.
 
@@ -60,7 +54,7 @@ def moved(plan: Plan, hand: Hand, t: float, shift: Array, turn: Array) -> Displa
     """
     (R, p), q = pose_at(plan, t), joints_at(plan, t)
     D = Rotation.from_rotvec(turn).as_matrix()
-    for i in np.flatnonzero(plan.V[interval_at(plan, t)] < RELOCATE):
+    for i in np.flatnonzero(plan.V[interval_at(plan, t)] < RELOCATE).tolist():
         mine = slice(hand.chains.start[i], hand.chains.start[i + 1])
         joints = q[mine].copy()
         R_WL, p_WL = np.empty((len(joints) + 1, 3, 3)), np.empty((len(joints) + 1, 3))
@@ -146,7 +140,10 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         "out_of_reach": lost,
         "median_ms": 1e3 * float(np.median(seconds)),
         "ninety_ms": 1e3 * float(np.quantile(seconds, 0.9)),
-        **{key: 1e3 * float(np.median([getattr(answer.spent, key) for answer in steps if answer.new])) for key in PHASES},
+        **{
+            key: 1e3 * float(np.median([getattr(answer.spent, key) for answer in steps if answer.new]))
+            for key in PHASES
+        },
         "reasons": reasons,
     }
 

@@ -69,13 +69,14 @@ def random_motions(n: int, k: int, candidates: int, rng: np.random.Generator) ->
 class ArcResult:
     """The best motion found on an arc, its V with the candidates of its relocations, the grasp at its end, the history of E(V).
 
-    failure: which constraint the motion breaks, where, for whom; None where it breaks none.
+    moves: made in all annealing runs. failure: which constraint the motion breaks, where, for whom; None where it breaks none.
     """
 
     motion: Motion
     V: Codes
     grasp: Grasp
     energy: NDArray[np.float64]
+    moves: int
     failure: Failure | None
 
 
@@ -129,7 +130,14 @@ def plan_arc(
             failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
             if failure is None and clock.end < math.inf:
                 done.set()
-        return ArcResult(motion, result.best, problem.grasp(len(path.R_WO)), np.asarray(result.energies), failure)
+        return ArcResult(
+            motion,
+            result.best,
+            problem.grasp(len(path.R_WO)),
+            np.asarray(result.energies),
+            len(result.energies) - 1,
+            failure,
+        )
 
     rngs, waited = rng.spawn(settings.attempts), [0]
     results: list[ArcResult] = []
@@ -146,7 +154,11 @@ def plan_arc(
         finally:
             done.set()
     best = min(results, key=lambda result: len(result.motion.violations))
-    return replace(best, energy=np.concatenate([result.energy for result in results]))
+    return replace(
+        best,
+        energy=np.concatenate([result.energy for result in results]),
+        moves=sum(result.moves for result in results),
+    )
 
 
 REMEDIES = {

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from regrasp.errors import InputError
 from regrasp.plan import RELOCATE, Plan
+from regrasp.planner.along import apart, interval_at, pose_at, pose_of
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
@@ -58,7 +58,9 @@ class Replanning:
 
     def __post_init__(self) -> None:
         demand(
-            self, positive=("position", "rotation", "touch", "intervals", "runs"), from_zero=("lead", "time_limit", "spare")
+            self,
+            positive=("position", "rotation", "touch", "intervals", "runs"),
+            from_zero=("lead", "time_limit", "spare"),
         )
 
 
@@ -79,7 +81,8 @@ class Answer:
     new: whether it is another one than before; it begins at the time of the step, where the object and the joints were
     measured. complete: whether it ends at the goal; else it ends at a subgoal on the way, and a step when it has ended gives
     the next. off: m and rad between the measured pose and the path before. failure: why there is no new plan though one is
-    needed; the search goes on with the next call. seconds: that the step took, spent: on what; iterations: of annealing.
+    needed; the search goes on with the next call. seconds: that the step took, spent: on what; iterations: of annealing, in
+    all runs.
     """
 
     plan: Plan
@@ -154,9 +157,7 @@ class Replanner:
         else:
             failure = Failure("start", "measurement", "", "a number is not finite", "look at the sensors")
         seconds = time.perf_counter() - began
-        return Answer(
-            self.plan, new is not None, not self._later, off, failure, seconds, self._spent, self._iterations
-        )
+        return Answer(self.plan, new is not None, not self._later, off, failure, seconds, self._spent, self._iterations)
 
     def _clock(self) -> Clock:
         """The time of a step that the search has."""
@@ -170,7 +171,7 @@ class Replanner:
     def _begin_search(self) -> None:
         """Nothing has been searched from where object and fingers are."""
         self._calls = 0
-        self._best: dict[int, Codes] = {}
+        self._best: dict[int, NDArray[np.int16]] = {}
         self._detour: list[Pose] | None = None
 
     def _planned(self, t: float, X_WO: Pose, q: Array, clock: Clock) -> tuple[Plan, list[Leg]] | Failure:
@@ -285,7 +286,7 @@ class Replanner:
         result = plan_arc(
             task.hand, path, grasp, task.names, local, self._rng, lambda _: None, "segment 1", clock, 1, warm
         )
-        self._iterations = len(result.energy)
+        self._iterations = result.moves
         self._best[way] = result.V
         return result.failure or Segment(result.motion, result.energy)
 
@@ -300,32 +301,11 @@ class Replanner:
         return plan if isinstance(plan, Failure) else replace(plan, time=plan.time + t)
 
 
-def interval_at(plan: Plan, t: float) -> int:
-    """The interval of time t; the first before the plan begins, the last after it has ended."""
-    return int(np.clip(np.searchsorted(plan.time[:, 0], t, side="right") - 1, 0, len(plan.time) - 1))
-
-
-def pose_at(plan: Plan, t: float) -> Pose:
-    """The object's pose (R, p) that the plan has at time t."""
-    j = interval_at(plan, t)
-    knots = plan.time[j]
-    u = float(np.clip(t, knots[0], knots[-1]))
-    turns = Rotation.from_quat(plan.object_quaternion[j].copy(), scalar_first=True)
-    return Slerp(knots, turns)(u).as_matrix(), CubicSpline(knots, plan.object_position[j])(u)
-
-
-def pose_of(row: Array) -> Pose:
-    """The pose (R, p) of a row of a plan's route."""
-    return Rotation.from_quat(row[3:].copy(), scalar_first=True).as_matrix(), row[:3].copy()
-
-
-def apart(a: Pose, b: Pose) -> tuple[float, float]:
-    """Distance, m, and angle, rad, of two poses."""
-    return float(np.linalg.norm(b[1] - a[1])), float(Rotation.from_matrix(b[0] @ a[0].T).magnitude())
-
-
 def started(plan: Plan, X_WO: Pose, goal: Pose) -> Scene:
-    """The plan's scene from another start, whatever the grasp, to another goal. Raises InputError where its freedoms forbid it."""
+    """The plan's scene from another start, whatever the grasp, to another goal.
+
+    Raises InputError where its freedoms forbid it.
+    """
 
     def placed(pose: Pose) -> dict[str, list[float]]:
         quaternion = Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)
