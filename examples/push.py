@@ -19,7 +19,7 @@ from regrasp.control.reference import reference, taken_over
 from regrasp.control.yielding import beyond
 from regrasp.plan import Plan
 from regrasp.planner.method import Settings, plan_scene
-from regrasp.planner.replan import Replanner
+from regrasp.planner.replan import Answer, Replanner
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
 from regrasp.settings import read
@@ -32,10 +32,12 @@ LOOK = 0.02
 """s between two measurements of the object."""
 LOST = 2.0
 """Radii of the object off its path, from which on it counts as dropped."""
-REST = 4e-5
-"""m that an object moves at most from one measurement to the next, at rest, counting its turn with its radius; …"""
-STILL = 10
+REST = 1.2e-4
+"""m that an object moves at most from one measurement to the next, nearly at rest, counting its turn with its radius; …"""
+STILL = 4
 """… and for so many measurements."""
+PATIENCE = 20
+"""Steps without a plan, one after the other, until all is given up."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +51,17 @@ class Push:
     shift: Array
     turn: Array
     seconds: float = 1.5
-    stiffness: float = 400.0
-    torsion: float = 0.5
+    stiffness: float = 2000.0
+    torsion: float = 1.5
 
     def wrench(self, since: float, off: Array, rate: Array) -> Array:
         """Force and torque (6,) on the object `since` s after the beginning, moved by off (6,) since then at rate (6,)."""
         u = min(1.0, since / self.seconds)
-        wanted = 1.15 * (3 * u * u - 2 * u**3) * np.concatenate([self.shift, self.turn])
+        # The fingers pull back: it goes on beyond the end, as far as it takes.
+        far = 1.15 * (3 * u * u - 2 * u**3) + 0.4 * max(0.0, since / self.seconds - 1.0)
+        wanted = far * np.concatenate([self.shift, self.turn])
         k = np.repeat([self.stiffness, self.torsion], 3)
-        return k * (wanted - off) - 0.01 * k * rate
+        return k * (wanted - off) - 0.005 * k * rate
 
     def is_done(self, off: Array) -> bool:
         """Whether the object is as far off as it should be."""
@@ -67,14 +71,18 @@ class Push:
 
 @dataclass(frozen=True)
 class Run:
-    """How it ended. pushed: m and rad off where it was as the push lets go; steps: s, of each call of the replanner; final: m
-    and rad off the goal; dropped: whether the object was lost; told: what the replanner said."""
+    """How it ended. pushed: m and rad off where it was as the push lets go; answers: of the replanner, those that planned or
+    failed to; final: m and rad off the goal; dropped: whether the object was lost."""
 
     pushed: tuple[float, float]
-    steps: tuple[float, ...]
+    answers: tuple[Answer, ...]
     final: tuple[float, float]
     dropped: bool
-    told: tuple[str, ...]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the object is at its goal, 5 mm and 5°."""
+        return self.final[0] < 5e-3 and self.final[1] < math.radians(5.0)
 
 
 def size(error: Array) -> tuple[float, float]:
@@ -93,13 +101,14 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
     body, dof = world.object_body, physics.model.joint("object").dofadr[0]
     radius = float(physics.model.geom_rbound[world.object_geoms].max())
     every, row, tick, still = round(LOOK / PERIOD), 0, 0, 0
-    begun, let_go, gives_way, dropped = math.inf, False, False, False
+    begun, let_go, gives_way, dropped, complete = math.inf, False, False, False, True
     before = at_push = (physics.p_WO, physics.R_WO)
-    pushed, steps, told = (0.0, 0.0), [], []
-    while row < len(table):
+    pushed, answers, failed = (0.0, 0.0), [], 0
+    while row < len(table) and failed < PATIENCE:
         if row == table.start:
             physics.release()
         command = controller.command(row, physics.q, physics.qd)
+        waits = gives_way or (not complete and row >= table.end)
         if tick % every == 0:
             seen = physics.p_WO, physics.R_WO
             error = displacement(table.p_WO[row], table.R_WO[row], *seen)
@@ -111,17 +120,16 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
             step = size(displacement(*before, *seen))
             still = still + 1 if step[0] + radius * step[1] < REST else 0
             before = seen
-            if replanner is not None and gives_way and still >= STILL:
+            if replanner is not None and waits and still >= STILL:
                 answer = replanner.step(table.time(row), (physics.R_WO, physics.p_WO), physics.q)
-                steps.append(answer.seconds)
-                told.append(str(answer.failure or f"new plan of {answer.plan.summary()['duration']:.1f} s"))
+                answers.append(answer)
+                complete = answer.complete
+                failed = failed + 1 if answer.failure else 0
                 if answer.new:
                     table = taken_over(answer.plan, PERIOD, control.phases, controller.forces(row)[0])
-                    controller = Controller(world, table, control, physics.drives.gains.K)
-                    row, gives_way = 0, False
-                still = 0
-                if not answer.new and len(steps) > 2:
-                    break
+                    row, still = 0, 0
+                if not answer.failure:
+                    controller, gives_way = Controller(world, table, control, physics.drives.gains.K), False
             elif gives_way:
                 controller.give_way(row, seen)
             else:
@@ -134,15 +142,15 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
             rate = np.concatenate(
                 [physics.data.qvel[dof : dof + 3], physics.R_WO @ physics.data.qvel[dof + 3 : dof + 6]]
             )
-            let_go = push.is_done(off) or (tick - begun) * PERIOD > 2.0 * push.seconds
+            let_go = push.is_done(off) or (tick - begun) * PERIOD > 3.0 * push.seconds
             pushed = size(off)
             physics.data.xfrc_applied[body] = 0.0 if let_go else push.wrench((tick - begun) * PERIOD, off, rate)
         physics.step(command)
         tick += 1
-        row += not gives_way
+        row += not waits
     goal = world.scene.goal.pose
     final = size(displacement(goal.p, goal.R, physics.p_WO, physics.R_WO))
-    return Run(pushed, tuple(steps), final, dropped, tuple(told))
+    return Run(pushed, tuple(answers), final, dropped)
 
 
 def planned(name: str, seed: int) -> Plan:
@@ -164,17 +172,26 @@ def upwards(plan: Plan) -> Push:
     )
 
 
+def told(answer: Answer) -> str:
+    """What a step said, in words."""
+    if not answer.new:
+        return str(answer.failure or "on its path")
+    whole = "the goal" if answer.complete else "a subgoal"
+    return f"a plan of {answer.plan.summary()['duration']:.1f} s to {whole}"
+
+
 def main() -> None:
     """Both runs, in words."""
     plan = planned("fig4-relocation", 1)
     push = upwards(plan)
     for words, replanner in (("the plan alone", None), ("planned again", Replanner(plan))):
         found = run(plan, push, replanner)
-        print(f"{words}: pushed {1e3 * found.pushed[0]:.1f} mm and {math.degrees(found.pushed[1]):.1f}° off;", end=" ")
-        for seconds, told in zip(found.steps, found.told, strict=True):
-            print(f"step() took {seconds:.2f} s: {told};", end=" ")
+        print(f"{words}: pushed {1e3 * found.pushed[0]:.1f} mm and {math.degrees(found.pushed[1]):.1f}° off")
+        for answer in found.answers:
+            off = f"{1e3 * answer.off[0]:.1f} mm and {math.degrees(answer.off[1]):.1f}° off its path"
+            print(f"  step(): {off}, {1e3 * answer.seconds:.0f} ms: {told(answer)}")
         lost = ", the object was dropped" if found.dropped else ""
-        print(f"at the end {1e3 * found.final[0]:.1f} mm and {math.degrees(found.final[1]):.1f}° off the goal{lost}")
+        print(f"  at the end {1e3 * found.final[0]:.1f} mm and {math.degrees(found.final[1]):.1f}° off the goal{lost}")
 
 
 if __name__ == "__main__":

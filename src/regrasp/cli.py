@@ -324,7 +324,14 @@ def _render(arguments: list[str]) -> Answer:
     return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
 
 
-BENCHES = {"paper": "searches", "minima": "searches", "scenes": "scenes", "replays": "replays", "levers": "levers"}
+BENCHES = {
+    "paper": "searches",
+    "minima": "searches",
+    "scenes": "scenes",
+    "replays": "replays",
+    "replans": "replans",
+    "levers": "levers",
+}
 """Benchmark → the module of `regrasp.bench` that has it."""
 
 
@@ -332,7 +339,7 @@ def _bench(arguments: list[str]) -> Answer:
     import tyro
 
     def request(
-        name: Annotated[Literal["paper", "minima", "scenes", "replays", "levers"], tyro.conf.Positional],
+        name: Annotated[Literal["paper", "minima", "scenes", "replays", "replans", "levers"], tyro.conf.Positional],
         seeds: int = 10,
     ) -> tuple[str, int]:
         """Read the command line.
@@ -340,6 +347,7 @@ def _bench(arguments: list[str]) -> Answer:
         Args:
             name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5).
                 scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
+                replans: displaced states along plans, planned again.
                 levers: what makes them survive it, switched off one by one.
             seeds: How many seeds are run.
         """
@@ -375,6 +383,6 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "replay": ("Execute a plan in physics, as planned and in perturbed trials.", _replay, answers.replay),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
-    "bench": ("Measure the method: paper, minima, scenes, replays, levers.", _bench, _nothing),
+    "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers.", _bench, _nothing),
 }
 """Name → what it does, what runs it, what shows its answer."""

@@ -2,32 +2,29 @@
 
 import dataclasses
 import itertools
-import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from regrasp.bench.replans import Displaced, asked, draws, moved
 from regrasp.errors import InputError
-from regrasp.kernels.chains import forward
-from regrasp.kernels.inverse import inverse
 from regrasp.plan import OFF, RELOCATE, STAY, Plan
+from regrasp.planner.along import apart, joints_at, pose_at
+from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand, hand_of
-from regrasp.planner.method import Settings, plan_scene
-from regrasp.planner.path import Pose
-from regrasp.planner.replan import Replanner, Replanning, apart, interval_at, pose_at
+from regrasp.planner.measured import measured_grasp
+from regrasp.planner.method import Settings, plan_scene, prepare
+from regrasp.planner.replan import Replanner, Replanning
 from regrasp.planner.resume import resampled, with_touching
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
 from regrasp.verify.check import check
 
-Array = NDArray[np.float64]
-SOME = Replanning(iterations=400)
-FAR, TURNED = 0.02, math.radians(15.0)
+SOME = Replanning(iterations=400, time_limit=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -42,37 +39,9 @@ def hand(plan: Plan) -> Hand:
     return hand_of(from_plan(plan.scene, plan.xml, plan.assets))
 
 
-def joints_at(plan: Plan, t: float) -> Array:
-    j = interval_at(plan, t)
-    return CubicSpline(plan.time[j], plan.joints[j])(t)
-
-
-def moved(plan: Plan, hand: Hand, t: float, shift: Array, turn: Array) -> tuple[Pose, Array] | None:
-    """The object displaced from its place at time t, and the joints with which the fingers that hold it went along."""
-    (R, p), q = pose_at(plan, t), joints_at(plan, t)
-    D = Rotation.from_rotvec(turn).as_matrix()
-    for i in np.flatnonzero(plan.V[interval_at(plan, t)] < RELOCATE):
-        mine = slice(hand.chains.start[i], hand.chains.start[i + 1])
-        joints = q[mine].copy()
-        R_WL, p_WL = np.empty((len(joints) + 1, 3, 3)), np.empty((len(joints) + 1, 3))
-        forward(hand.chains, i, joints, R_WL, p_WL)
-        residual, _ = inverse(hand.chains, i, D @ R_WL[-1], p + shift + D @ (p_WL[-1] - p), joints, R_WL, p_WL)
-        if residual > 1e-7:
-            return None
-        q[mine] = joints
-    return (D @ R, p + shift), q
-
-
-def pushed(plan: Plan, hand: Hand, seed: int) -> tuple[float, Pose, Array]:
-    """A time, and a state up to 20 mm and 15° off the path that the fingers reach."""
-    rng = np.random.default_rng(seed)
-    while True:
-        t = float(rng.uniform(0.1, 0.8) * plan.time[-1, -1])
-        d, a = rng.standard_normal(3), rng.standard_normal(3)
-        shift, turn = (x * rng.uniform(0.4, 1.0) / np.linalg.norm(x) for x in (d, a))
-        state = moved(plan, hand, t, FAR * shift, TURNED * turn)
-        if state is not None:
-            return t, *state
+def pushed(plan: Plan, hand: Hand, seed: int) -> Displaced:
+    """A state up to 20 mm and 15° off the path that the fingers reach."""
+    return next(state for state in draws(plan, hand, np.random.default_rng(seed)) if state is not None)
 
 
 @pytest.mark.parametrize("part", [0.0, 0.2, 0.5, 0.9, 1.0])
@@ -90,11 +59,14 @@ def test_on_its_path_the_plan_stays_the_same(plan: Plan, part: float) -> None:
 
 
 def test_from_a_displaced_object_the_new_plan_begins_there_and_proves_itself(plan: Plan, hand: Hand) -> None:
-    goal = plan.scene["goal"]["pose"]["position"]
     done = 0
     for seed in range(6):
-        t, X_WO, q = pushed(plan, hand, seed)
-        answer = Replanner(plan, SOME, seed).step(t, X_WO, q)
+        state = pushed(plan, hand, seed)
+        replanner = Replanner(plan, SOME, seed)
+        answers = asked(replanner, state)
+        for answer in answers[:-1]:
+            assert answer.plan is plan
+        answer = answers[-1]
         assert answer.new == (answer.failure is None)
         if not answer.new:
             assert answer.plan is plan
@@ -104,13 +76,54 @@ def test_from_a_displaced_object_the_new_plan_begins_there_and_proves_itself(pla
             continue
         done += 1
         new = answer.plan
-        assert new.time[0, 0] == t
-        assert max(apart(pose_at(new, t), X_WO)) < 1e-6
-        np.testing.assert_allclose(new.joints[0, 0], q, atol=1e-6)
-        np.testing.assert_allclose(new.object_position[-1, -1], goal, atol=1e-9)
+        assert new.time[0, 0] == state.t
+        assert max(apart(pose_at(new, state.t), state.X_WO)) < 1e-6
+        np.testing.assert_allclose(new.joints[0, 0], state.q, atol=1e-6)
+        if answer.complete:
+            np.testing.assert_allclose(new.object_position[-1, -1], plan.object_position[-1, -1], atol=1e-9)
         certificate = check(new)
         assert certificate.passed, [str(finding) for finding in certificate.refusals]
-    assert done >= 4
+    assert done >= 5
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_plan_after_plan_the_goal_is_reached_where_each_is_followed_exactly(plan: Plan, hand: Hand, seed: int) -> None:
+    replanner, state = Replanner(plan, SOME, seed), pushed(plan, hand, seed)
+    ends = []
+    while True:
+        answer = asked(replanner, state)[-1]
+        assert answer.new, str(answer.failure)
+        assert check(answer.plan).passed
+        assert max(apart(pose_at(answer.plan, state.t), state.X_WO)) < 1e-6
+        end = float(answer.plan.time[-1, -1])
+        ends.append(end)
+        if answer.complete:
+            break
+        before = 0.5 * (state.t + end)
+        on_the_way = replanner.step(before, pose_at(answer.plan, before), joints_at(answer.plan, before))
+        assert on_the_way.plan is answer.plan
+        state = Displaced(end, pose_at(answer.plan, end), joints_at(answer.plan, end))
+    assert max(apart(pose_at(answer.plan, end), pose_at(plan, plan.time[-1, -1]))) < 1e-7
+    assert ends == sorted(ends)
+    # At the goal nothing more is asked for.
+    assert replanner.step(end, pose_at(answer.plan, end), joints_at(answer.plan, end)).plan is answer.plan
+
+
+def test_a_step_anneals_no_more_than_it_may(plan: Plan, hand: Hand) -> None:
+    for iterations, runs in ((100, 1), (300, 2)):
+        some = dataclasses.replace(SOME, iterations=iterations, runs=runs)
+        for seed in range(3):
+            for answer in asked(Replanner(plan, some, seed), pushed(plan, hand, seed)):
+                assert 0 < answer.iterations <= runs * iterations
+
+
+def test_a_failed_search_goes_on_with_the_next_call(plan: Plan, hand: Hand) -> None:
+    """What hundred moves don't find at once, some more calls do."""
+    some = dataclasses.replace(SOME, iterations=100, runs=1)
+    calls = [asked(Replanner(plan, some, seed), pushed(plan, hand, seed)) for seed in range(8)]
+    late = [answers for answers in calls if len(answers) > 1]
+    assert late
+    assert any(answers[-1].new for answers in late)
 
 
 def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> None:
@@ -119,17 +132,34 @@ def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> No
     for up in (0.008, 0.006):
         state = moved(replanner.plan, hand, t, np.array([0.0, 0.0, up]), np.zeros(3))
         assert state is not None
-        answer = replanner.step(t, *state)
+        answer = asked(replanner, state)[-1]
         assert answer.new, str(answer.failure)
         assert answer.plan is replanner.plan
         t += 0.5
     assert check(answer.plan).passed
 
 
+def test_a_finger_in_flight_stays_in_the_air_though_it_is_near(plan: Plan, hand: Hand) -> None:
+    """Only one that the plan has in contact is given the contact that it nearly has."""
+    task = prepare(load("puma4-obstacles"), Settings())
+    j = int(np.flatnonzero(np.all(plan.V < RELOCATE, axis=1))[0])
+    X_WO, q = pose_at(plan, plan.time[j, 0]), plan.joints[j, 0]
+    back = X_WO[0], X_WO[1] - 0.002 * X_WO[0] @ plan.n_O[j, 0, 0]
+    bears = np.ones(len(plan.agent_names), bool)
+    for flies in (False, True):
+        bears[0] = not flies
+        grasp = measured_grasp(task, back, q, bears, 0.003, 0.0015)
+        assert isinstance(grasp, Grasp), str(grasp)
+        assert grasp.holds[0] == (not flies)
+        mine = slice(hand.chains.start[0], hand.chains.start[1])
+        assert np.array_equal(grasp.q[mine], q[mine]) == flies
+
+
 def test_the_same_seed_gives_the_same_plan(plan: Plan, hand: Hand) -> None:
     state = moved(plan, hand, 2.0, np.array([0.0, 0.0, 0.01]), np.zeros(3))
     assert state is not None
-    plans = [Replanner(plan, Replanning(iterations=100), 3).step(2.0, *state).plan for _ in range(2)]
+    plans = [asked(Replanner(plan, SOME, 3), state)[-1].plan for _ in range(2)]
+    assert plans[0] is not plan
     assert plans[0]._bytes() == plans[1]._bytes()
 
 
@@ -162,7 +192,7 @@ def test_the_limit_bounds_a_step(plan: Plan, hand: Hand) -> None:
     state = moved(plan, hand, 2.0, np.array([0.0, 0.0, 0.01]), np.zeros(3))
     assert state is not None
     for limit in (0.5, 1e-3):
-        answer = Replanner(plan, Replanning(iterations=10**6, time_limit=limit)).step(2.0, *state)
+        answer = Replanner(plan, Replanning(iterations=10**6, time_limit=limit)).step(state.t, state.X_WO, state.q)
         assert answer.seconds < 3.0
         assert answer.new == (answer.failure is None)
 

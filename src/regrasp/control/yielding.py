@@ -28,7 +28,7 @@ class Leash:
 
     shift: float = 3.5e-3
     turn: float = 0.07
-    grip: float = 2.0
+    grip: float = 4.0
 
     def __post_init__(self) -> None:
         demand(self, from_zero=("shift", "turn", "grip"))

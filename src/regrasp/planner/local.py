@@ -67,21 +67,23 @@ def random_motions(n: int, k: int, candidates: int, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class ArcResult:
-    """The best motion found on an arc, the grasp at its end, the history of E(V).
+    """The best motion found on an arc, its V with the candidates of its relocations, the grasp at its end, the history of E(V).
 
-    failure: which constraint the motion breaks, where, for whom; None where it breaks none.
+    moves: made in all annealing runs. failure: which constraint the motion breaks, where, for whom; None where it breaks none.
     """
 
     motion: Motion
+    V: Codes
     grasp: Grasp
     energy: NDArray[np.float64]
+    moves: int
     failure: Failure | None
 
 
 def resumed(
-    hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, old: NDArray[np.int8], rng: np.random.Generator
+    hand: Hand, path: Path, scan: Scan, terms: Terms, start: Grasp, old: Codes, rng: np.random.Generator
 ) -> ContactMotions:
-    """The problem at an old V, whose relocations (RELOCATE, as in a plan) choose their candidates one after the other."""
+    """The problem at an old V, whose relocations without a candidate (RELOCATE, as in a plan) choose theirs in turn."""
     V = np.where(old == RELOCATE, STAY, old).astype(np.int16)
     problem = ContactMotions(hand, path, scan, terms, start, V)
     for j, i in zip(*np.nonzero(old == RELOCATE), strict=True):
@@ -92,7 +94,7 @@ def resumed(
 
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
-    report: Report, stage: str, clock: Clock, parts: int, warm: NDArray[np.int8] | None = None,
+    report: Report, stage: str, clock: Clock, parts: int, warm: Codes | None = None,
 ) -> ArcResult:  # fmt: skip
     """Contact motions along one nominal path from the grasp at its start.
 
@@ -101,7 +103,7 @@ def plan_arc(
     threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if
     there is one, and not as hot as the others.
     """
-    done = threading.Event()
+    done, one = threading.Event(), threading.Lock()
 
     def search(run: int, rng: np.random.Generator) -> ArcResult | None:
         if run > 0 and (done.is_set() or clock.up()):
@@ -120,10 +122,22 @@ def plan_arc(
             return done.is_set()
 
         result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
-        problem.reset(result.best)
-        motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
-        failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
-        return ArcResult(motion, problem.grasp(len(path.R_WO)), np.asarray(result.energies), failure)
+        with one:  # the interpreter runs one thread at a time anyway, and who comes second may find all done
+            if done.is_set():
+                return None
+            problem.reset(result.best)
+            motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
+            failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
+            if failure is None and clock.end < math.inf:
+                done.set()
+        return ArcResult(
+            motion,
+            result.best,
+            problem.grasp(len(path.R_WO)),
+            np.asarray(result.energies),
+            len(result.energies) - 1,
+            failure,
+        )
 
     rngs, waited = rng.spawn(settings.attempts), [0]
     results: list[ArcResult] = []
@@ -140,7 +154,11 @@ def plan_arc(
         finally:
             done.set()
     best = min(results, key=lambda result: len(result.motion.violations))
-    return replace(best, energy=np.concatenate([result.energy for result in results]))
+    return replace(
+        best,
+        energy=np.concatenate([result.energy for result in results]),
+        moves=sum(result.moves for result in results),
+    )
 
 
 REMEDIES = {

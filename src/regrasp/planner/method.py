@@ -108,12 +108,12 @@ def arc_path(task: Task, a: Node, b: Node) -> list[Path]:
     return way_path(task, start, goal, a.support if a.support == b.support else FREE)
 
 
-def way_path(task: Task, start: Pose, goal: Pose, support: int) -> list[Path]:
-    """The same between two poses, on the support that carries both (FREE: none does)."""
+def way_path(task: Task, start: Pose, goal: Pose, support: int, least: int = 4) -> list[Path]:
+    """The same between two poses, on the support that carries both (FREE: none does), in `least` intervals or more."""
     s, grid, hand = task.settings, task.router.grid, task.hand
     shift = float(np.linalg.norm(goal[1] - start[1]))
     angle = distance(start, goal, 1.0) - shift
-    n = max(4, math.ceil(angle / s.turn - 1e-9), math.ceil(shift / (s.travel * hand.radius) - 1e-9))
+    n = max(least, math.ceil(angle / s.turn - 1e-9), math.ceil(shift / (s.travel * hand.radius) - 1e-9))
     pieces = math.ceil(n / s.intervals)
     each = math.ceil(n / pieces)
     R, p = grid.between(start, goal, support, pieces * each * s.samples)
@@ -153,19 +153,17 @@ def check_ends(task: Task) -> Failure | None:
 
 def plan_pieces(
     task: Task, pieces: list[Path], grasp: Grasp, first: int, rng: np.random.Generator, report: Report,
-    clock: Clock, later: int, warm: NDArray[np.int8] | None = None,
+    clock: Clock, later: int,
 ) -> tuple[list[Segment], Grasp, Failure | None]:  # fmt: skip
     """Local plans of consecutive pieces of an arc, each from where the one before ends; `later` more arcs follow.
 
-    warm: the V to start from, of all pieces one after the other. The segments end with the first that fails.
+    The segments end with the first that fails.
     """
-    ends = np.cumsum([len(path.R_WO) for path in pieces])[:-1]
-    warms = [None] * len(pieces) if warm is None else np.split(warm, ends)
     planned: list[Segment] = []
-    for path, V in zip(pieces, warms, strict=True):
+    for path in pieces:
         stage = f"segment {first + len(planned) + 1}"
         parts = len(pieces) - len(planned) + later
-        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts, V)
+        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
         planned.append(Segment(result.motion, result.energy))
         grasp = result.grasp
         if result.failure:

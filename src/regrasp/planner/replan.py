@@ -1,4 +1,4 @@
-"""Planning again while a plan runs: from where object and fingers are measured to be, starting from the old V."""
+"""Planning again while a plan runs: from where object and fingers are measured to be, segment by segment, with the old V."""
 
 import math
 import time
@@ -6,24 +6,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from regrasp.errors import InputError
-from regrasp.kernels.chains import forward
-from regrasp.kernels.surfaces import project
-from regrasp.plan import Plan
+from regrasp.plan import RELOCATE, Plan
+from regrasp.planner.along import apart, interval_at, pose_at, pose_of
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.grasp import build_grasp
-from regrasp.planner.method import Settings, Task, plan_pieces, router_of, task_of, way_path
+from regrasp.planner.energy import Energy
+from regrasp.planner.local import plan_arc
+from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled
+from regrasp.planner.method import Settings, end_pose, router_of, task_of, way_path
 from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Pose, distance
+from regrasp.planner.path import Path, Pose, distance
 from regrasp.planner.poses import FREE
 from regrasp.planner.resume import Codes, coming, resampled, with_touching
-from regrasp.planner.scan import touch_down
-from regrasp.planner.supports import gap
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Scene
 from regrasp.scene.world import from_plan
@@ -33,6 +31,8 @@ Array = NDArray[np.float64]
 
 REHEARSAL = 0.05
 """s of annealing before the first step."""
+CALLS = 2
+"""Calls that search the same way before another one is tried."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,38 @@ class Replanning:
     """When and how a running plan is planned again.
 
     position, m, and rotation, rad: how far the object may be off its path before. touch: m, within which of the object's
-    surface a tip counts as touching it, and the object as standing on a support. iterations: of the annealing of each arc.
-    time_limit: s, for a whole step, 0 for none; the annealing runs share what is left of it. spare: s, kept of that for what
-    comes after them, forces and times.
+    surface a tip counts as touching it, and the object as standing on a support. lead: s, how long before the end of a plan
+    that stops at a subgoal the next one is asked for. intervals: of a way on which a finger has yet to relocate, at least.
+    runs: annealing runs of a step, side by side; iterations: of each. time_limit: s, for a whole step, 0 for none; the runs
+    have what is left of it. spare: s, kept of that for what comes after them, samples, forces and times.
     """
 
     position: float = 0.005
     rotation: float = math.radians(5.0)
     touch: float = 0.003
-    iterations: int = 1000
-    time_limit: float = 0.0
-    spare: float = 0.03
+    lead: float = 0.005
+    intervals: int = 12
+    runs: int = 2
+    iterations: int = 1500
+    time_limit: float = 0.1
+    spare: float = 0.04
 
     def __post_init__(self) -> None:
-        demand(self, positive=("position", "rotation", "touch"), from_zero=("time_limit", "spare"))
+        demand(
+            self,
+            positive=("position", "rotation", "touch", "intervals", "runs"),
+            from_zero=("lead", "time_limit", "spare"),
+        )
+
+
+@dataclass(frozen=True)
+class Spent:
+    """s of a step: state, what is measured made a start; search, the annealing runs and the samples of the best V; forces,
+    these and times laid on."""
+
+    state: float = 0.0
+    search: float = 0.0
+    forces: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -61,15 +79,28 @@ class Answer:
     """What one step says: the plan to follow now.
 
     new: whether it is another one than before; it begins at the time of the step, where the object and the joints were
-    measured. off: m and rad between the measured pose and the path before. failure: why there is no new plan though the
-    object is off its path. seconds: that the step took.
+    measured. complete: whether it ends at the goal; else it ends at a subgoal on the way, and a step when it has ended gives
+    the next. off: m and rad between the measured pose and the path before. failure: why there is no new plan though one is
+    needed; the search goes on with the next call. seconds: that the step took, spent: on what; iterations: of annealing, in
+    all runs.
     """
 
     plan: Plan
     new: bool
+    complete: bool
     off: tuple[float, float]
     failure: Failure | None
     seconds: float
+    spent: Spent
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A part of the way that is still to come: the pose at its end, what the old V has on the way there (r, k)."""
+
+    end: Pose
+    V: Codes
 
 
 class Replanner:
@@ -84,188 +115,201 @@ class Replanner:
         self.plan, self.settings = plan, settings or Replanning()
         planner = read(Settings, plan.settings)
         annealing = replace(planner.local.annealing, iterations=self.settings.iterations, trials=20)
-        planner = replace(planner, local=replace(planner.local, annealing=annealing))
-        self._seed, self._rng = seed, np.random.default_rng(seed)
+        local = replace(planner.local, annealing=annealing, attempts=self.settings.runs)
+        planner = replace(planner, local=local)
+        self._seed = seed
         self._task = task_of(from_plan(plan.scene, plan.xml, plan.assets), planner)
+        self._goal = self._task.router.grid.goal_pose
+        self._later: list[Leg] = []
+        self._begin_search()
+        self._rng = np.random.default_rng(seed)
         # Kernels are loaded, or compiled, as they are first called: not in a step that has to be in time.
         self._planned(float(plan.time[0, 0]), pose_at(plan, plan.time[0, 0]), plan.joints[0, 0], start_clock(REHEARSAL))
+        self._begin_search()
         self._rng = np.random.default_rng(seed)
 
     def step(self, t: float, X_WO: Pose, q: Array) -> Answer:
         """The plan to follow from time t, s, on the plan's clock, with the object at X_WO = (R, p) and the joints at q (nq,).
 
-        It is the one before while the object is on its path, and also where no new one is found.
+        It is the one before while the object is on its path and its end not reached, and also where no new one is found yet:
+        each further call goes on searching from the best that the calls before have found, and from random starts.
         """
         began = time.perf_counter()
+        clock = self._clock()
         shape = len(self._task.hand.home)
         X_WO, q = (np.asarray(X_WO[0], float), np.asarray(X_WO[1], float)), np.asarray(q, float)
         if X_WO[0].shape != (3, 3) or X_WO[1].shape != (3,) or q.shape != (shape,):
             raise InputError("step", "wrong shapes", f"R (3, 3), p (3,), q ({shape},)")
         failure: Failure | None = None
         new, off = None, (math.inf, math.inf)
+        self._spent, self._iterations = Spent(), 0
         if all(np.all(np.isfinite(part)) for part in (*X_WO, q)):
             off = apart(pose_at(self.plan, t), X_WO)
-            if off[0] > self.settings.position or off[1] > self.settings.rotation:
-                found = self._planned(t, X_WO, q, self._clock())
-                new, failure = (None, found) if isinstance(found, Failure) else (found, None)
+            if off[0] > self.settings.position or off[1] > self.settings.rotation or (self._later and self._ended(t)):
+                found = self._planned(t, X_WO, q, clock)
+                if isinstance(found, Failure):
+                    failure = found
+                else:
+                    new, self._later = found
+                    self.plan = new
+            if failure is None:
+                self._begin_search()
         else:
             failure = Failure("start", "measurement", "", "a number is not finite", "look at the sensors")
-        if new is not None:
-            self.plan = new
-        return Answer(self.plan, new is not None, off, failure, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        return Answer(self.plan, new is not None, not self._later, off, failure, seconds, self._spent, self._iterations)
 
     def _clock(self) -> Clock:
         """The time of a step that the search has."""
         limit, spare = self.settings.time_limit, self.settings.spare
         return start_clock(max(limit - spare, 1e-3) if limit else 0.0)
 
-    def _planned(self, t: float, X_WO: Pose, q: Array, search: Clock) -> Plan | Failure:
-        """A plan from the measured state at t: straight to the next subgoal, to a later one, or by a new route."""
+    def _ended(self, t: float) -> bool:
+        """Whether the plan at hand is over at time t."""
+        return bool(t >= self.plan.time[-1, -1] - self.settings.lead)
+
+    def _begin_search(self) -> None:
+        """Nothing has been searched from where object and fingers are."""
+        self._calls = 0
+        self._best: dict[int, NDArray[np.int16]] = {}
+        self._detour: list[Pose] | None = None
+
+    def _planned(self, t: float, X_WO: Pose, q: Array, clock: Clock) -> tuple[Plan, list[Leg]] | Failure:
+        """A plan from the measured state at t to the end of a leg, and the legs after it."""
+        began = time.perf_counter()
         settings, task = self.settings, self._task
         j = interval_at(self.plan, t)
-        X_WO = self._settled(X_WO, j)
+        X_WO = settled(task, self.plan, j, X_WO, settings.touch)
         hit = task.router.blocked(X_WO, 0.0)
         if hit:
             return Failure("collision", "start", "object", f"the object is inside {hit}", "clear its way")
         if not task.router.in_reach(X_WO):
             return Failure("reach", "start", "object", "no agent reaches the object", "bring it back")
-        try:
-            scene = started(self.plan, X_WO)
-        except InputError as error:
-            return Failure("start", error.field, "object", error.reason, error.hint)
-        grasp = measured_grasp(task, X_WO, q, settings.touch)
+        clearance = task.settings.local.energy.clearance
+        grasp = measured_grasp(task, X_WO, q, in_contact(self.plan, j), settings.touch, clearance)
         if isinstance(grasp, Failure):
             return grasp
-        subgoals = [pose_of(row) for row in self.plan.route[self.plan.segment[j] + 1 :]]
-        warms = self._warms(j, grasp)
-        failure: Failure | None = None
-        for skipped in range(len(subgoals)):
-            left = [np.concatenate(warms[: skipped + 1]), *warms[skipped + 1 :]]
-            found = self._along(subgoals[skipped:], left, X_WO, grasp, search)
-            if not isinstance(found, Failure):
-                break
-            failure = failure or found
-        else:
-            assert failure is not None
-            route = self._route(X_WO, subgoals[-1], search)
-            if not route:
-                return failure
-            found = self._along(route, np.array_split(np.concatenate(warms), len(route)), X_WO, grasp, search)
-            if isinstance(found, Failure):
-                return failure
-        segments, passed = found
-        local, planner = task.settings.local, task.settings
+        way, legs = self._chosen(self._legs(t, j), X_WO)
+        if not legs:
+            return Failure("route", "start", "object", "something is in its way", "clear its way")
+        path, V, rest = self._arc(X_WO, legs, grasp)
+        energy = roomy(task.hand, path, grasp, task.settings.local.energy)
+        if isinstance(energy, Failure):
+            return energy
+        searched = time.perf_counter()
+        found = self._searched(way, path, V, grasp, energy, clock)
+        done = time.perf_counter()
+        self._spent = Spent(searched - began, done - searched)
+        if isinstance(found, Failure):
+            self._calls += 1
+            return found
+        try:
+            plan = self._assembled(t, X_WO, found, energy)
+        except InputError as error:
+            return Failure("start", error.field, "object", error.reason, error.hint)
+        self._spent = replace(self._spent, forces=time.perf_counter() - done)
+        if isinstance(plan, Failure):
+            self._calls += 1
+            return plan
+        return plan, rest
+
+    def _legs(self, t: float, j: int) -> list[Leg]:
+        """The way that is still to come at time t, in interval j, leg by leg; the last one ends at the goal."""
+        plan, legs = self.plan, list(self._later)
+        if not self._ended(t):
+            segment = plan.segment
+            last, ends = int(segment[-1]), [pose_of(row) for row in plan.route]
+            first = {s: max(j, int(np.argmax(segment == s))) for s in range(int(segment[j]), last + 1)}
+            legs = [Leg(ends[s + 1], coming(plan, row, s)) for s, row in first.items()] + legs
+        return legs or [Leg(self._goal, np.empty((0, plan.V.shape[1]), np.int8))]
+
+    def _chosen(self, legs: list[Leg], X_WO: Pose) -> tuple[int, list[Leg]]:
+        """The way that this call searches, its number and its legs: straight to one subgoal after the other, then around.
+
+        None where all straight ways are blocked and there is no other.
+        """
+        task, ways = self._task, len(legs) + 1
+        first = self._calls // CALLS
+        for way in range(first, first + ways):
+            skipped = way % ways
+            if skipped < len(legs):
+                end = legs[skipped].end
+                R, p = task.router.grid.between(X_WO, end, *self._support(X_WO, end))
+                if task.router.clear(R, p):
+                    V = np.concatenate([leg.V for leg in legs[: skipped + 1]])
+                    return skipped, [Leg(end, V), *legs[skipped + 1 :]]
+            else:
+                around = self._around(X_WO)
+                if around:
+                    parts = np.array_split(np.concatenate([leg.V for leg in legs]), len(around))
+                    return skipped, [Leg(pose, V) for pose, V in zip(around, parts, strict=True)]
+        return 0, []
+
+    def _support(self, X_WO: Pose, end: Pose) -> tuple[int, int]:
+        """The support that carries the object at both poses, or FREE; looks at the way between them."""
+        router = self._task.router
+        support = router.grid.touched(X_WO)
+        looks = router.looks(distance(X_WO, end, self._task.hand.radius))
+        return (support if support == router.grid.touched(end) else FREE), looks
+
+    def _around(self, X_WO: Pose) -> list[Pose]:
+        """Subgoals of a route from the pose to the goal that is not the straight one, if there is one: searched once."""
+        if self._detour is None:
+            task = self._task
+            router = router_of(task.world.scene, task.hand, task.supports, X_WO, self._goal, task.settings)
+            router.failed(router.grid.start, router.grid.goal)
+            route = router.route(router.grid.start, lambda: False)
+            found = [] if isinstance(route, Failure) else [router.grid.pose(node) for node in route[1:]]
+            self._detour = [pose for pose in found if pose is not None]
+        return self._detour
+
+    def _arc(self, X_WO: Pose, legs: list[Leg], grasp: Grasp) -> tuple[Path, Codes, list[Leg]]:
+        """The nominal path of the first arc along the legs, the old V on it, and the legs that then remain."""
+        touching = grasp.holds == 1
+        V = legs[0].V
+        if len(V) == 0:
+            V = np.zeros((1, len(touching)), np.int8)
+        V = with_touching(V, touching)
+        least = self.settings.intervals if np.any(V == RELOCATE) else 4
+        pieces = way_path(self._task, X_WO, legs[0].end, self._support(X_WO, legs[0].end)[0], least)
+        V, n = resampled(V, sum(len(path.R_WO) for path in pieces)), len(pieces[0].R_WO)
+        rest = [Leg(legs[0].end, V[n:])] if len(pieces) > 1 else []
+        return pieces[0], V[:n], rest + legs[1:]
+
+    def _searched(
+        self, way: int, path: Path, V: Codes, grasp: Grasp, energy: Energy, clock: Clock
+    ) -> Segment | Failure:
+        """The arc's motion, from the old V or, in later calls, from the best one so far."""
+        task, best = self._task, self._best.get(way)
+        warm = best if best is not None and len(best) == len(V) else V.astype(np.int16)
+        local = replace(task.settings.local, energy=energy)
+        result = plan_arc(
+            task.hand, path, grasp, task.names, local, self._rng, lambda _: None, "segment 1", clock, 1, warm
+        )
+        self._iterations = result.moves
+        self._best[way] = result.V
+        return result.failure or Segment(result.motion, result.energy)
+
+    def _assembled(self, t: float, X_WO: Pose, segment: Segment, energy: Energy) -> Plan | Failure:
+        """The plan of one segment from X_WO at time t. Raises InputError where the scene's freedoms forbid the pose."""
+        task, end = self._task, end_pose(segment)
+        world = replace(task.world, scene=started(self.plan, X_WO, end))
         plan = assemble(
-            replace(task.world, scene=scene), task.hand, segments, [X_WO, *passed], task.supports, local.energy.margins,
-            planner.loads, planner.timing, self._seed, planner, True,
+            world, task.hand, [segment], [X_WO, end], task.supports, energy.margins, task.settings.loads,
+            task.settings.timing, self._seed, task.settings, True,
         )  # fmt: skip
         return plan if isinstance(plan, Failure) else replace(plan, time=plan.time + t)
 
-    def _settled(self, X_WO: Pose, j: int) -> Pose:
-        """The pose put exactly onto the supports that carry the object in interval j, where it is measured near them."""
-        plan, grid = self.plan, self._task.router.grid
-        carry = {plan.support_names[p] for p in np.flatnonzero(plan.support_mode[j])}
-        for index, support in enumerate(grid.supports):
-            if support.name in carry and abs(gap(support, grid.kind_O, grid.size_O, *X_WO)) <= self.settings.touch:
-                X_WO = grid.snapped(X_WO, index)
-        return X_WO
 
-    def _warms(self, j: int, grasp: Grasp) -> list[Codes]:
-        """What of V is to come from interval j on, segment by segment, for agents that touch as in the grasp."""
-        segment = self.plan.segment
-        rest = range(int(segment[j]) + 1, int(segment[-1]) + 1)
-        later = [coming(self.plan, int(np.argmax(segment == s)), s) for s in rest]
-        return [with_touching(coming(self.plan, j, int(segment[j])), grasp.holds == 1), *later]
+def started(plan: Plan, X_WO: Pose, goal: Pose) -> Scene:
+    """The plan's scene from another start, whatever the grasp, to another goal.
 
-    def _route(self, X_WO: Pose, goal: Pose, clock: Clock) -> list[Pose]:
-        """Subgoals of a new route, or none where there is no way."""
-        task = self._task
-        router = router_of(task.world.scene, task.hand, task.supports, X_WO, goal, task.settings)
-        route = router.route(router.grid.start, clock.up)
-        found = [] if isinstance(route, Failure) else [router.grid.pose(node) for node in route[1:]]
-        return [pose for pose in found if pose is not None]
-
-    def _along(
-        self, subgoals: list[Pose], warms: list[Codes], X_WO: Pose, grasp: Grasp, clock: Clock
-    ) -> tuple[list[Segment], list[Pose]] | Failure:
-        """Segments from X_WO through the subgoals, and the poses at their ends; warms: the old V on the way to each."""
-        task, grid = self._task, self._task.router.grid
-        segments: list[Segment] = []
-        for a, (subgoal, warm) in enumerate(zip(subgoals, warms, strict=True)):
-            support = grid.touched(X_WO) if grid.touched(X_WO) == grid.touched(subgoal) else FREE
-            looks = task.router.looks(distance(X_WO, subgoal, task.hand.radius))
-            if a == 0 and not task.router.clear(*grid.between(X_WO, subgoal, support, looks)):
-                return Failure("route", "segment 1", "object", "something is in its way", "clear its way")
-            pieces = way_path(task, X_WO, subgoal, support)
-            n = sum(len(path.R_WO) for path in pieces)
-            found = plan_pieces(
-                task, pieces, grasp, len(segments), self._rng, lambda _: None, clock, len(subgoals) - a - 1,
-                resampled(warm, n) if len(warm) else None,
-            )  # fmt: skip
-            planned, grasp, failure = found
-            if failure:
-                return failure
-            segments += planned
-            X_WO = subgoal
-        return segments, [(s.motion.path.R_WO[-1, -1], s.motion.path.p_WO[-1, -1]) for s in segments]
-
-
-def interval_at(plan: Plan, t: float) -> int:
-    """The interval of time t; the first before the plan begins, the last after it has ended."""
-    return int(np.clip(np.searchsorted(plan.time[:, 0], t, side="right") - 1, 0, len(plan.time) - 1))
-
-
-def pose_at(plan: Plan, t: float) -> Pose:
-    """The object's pose (R, p) that the plan has at time t."""
-    j = interval_at(plan, t)
-    knots = plan.time[j]
-    u = float(np.clip(t, knots[0], knots[-1]))
-    turns = Rotation.from_quat(plan.object_quaternion[j].copy(), scalar_first=True)
-    return Slerp(knots, turns)(u).as_matrix(), CubicSpline(knots, plan.object_position[j])(u)
-
-
-def pose_of(row: Array) -> Pose:
-    """The pose (R, p) of a row of a plan's route."""
-    return Rotation.from_quat(row[3:].copy(), scalar_first=True).as_matrix(), row[:3].copy()
-
-
-def apart(a: Pose, b: Pose) -> tuple[float, float]:
-    """Distance, m, and angle, rad, of two poses."""
-    return float(np.linalg.norm(b[1] - a[1])), float(Rotation.from_matrix(b[0] @ a[0].T).magnitude())
-
-
-def started(plan: Plan, X_WO: Pose) -> Scene:
-    """The plan's scene with another start, whatever the grasp. Raises InputError where its freedoms forbid the pose."""
-    wxyz = Rotation.from_matrix(X_WO[0]).as_quat(scalar_first=True)
-    pose = {"position": X_WO[1].tolist(), "quaternion": wxyz.tolist()}
-    return validate({**plan.scene, "start": {"pose": pose}})
-
-
-def measured_grasp(task: Task, X_WO: Pose, q: Array, touch: float) -> Grasp | Failure:
-    """The grasp of joints q (nq,) with the object at X_WO: an agent touches whose tip is within `touch` of its surface.
-
-    The contact is the point of the surface nearest to the tip's centre; the agent's joints are corrected until it is
-    exact. All other agents are where they are.
+    Raises InputError where its freedoms forbid it.
     """
-    hand, (R_WO, p_WO) = task.hand, X_WO
-    contacts: dict[int, tuple[Array, Array, Array]] = {}
-    for i, name in enumerate(task.names):
-        mine = q[hand.chains.start[i] : hand.chains.start[i + 1]].copy()
-        R_WL, p_WL = np.empty((len(mine) + 1, 3, 3)), np.empty((len(mine) + 1, 3))
-        foot, n = np.empty(3), np.empty(3)
-        forward(hand.chains, i, mine, R_WL, p_WL)
-        centre = R_WO.T @ (p_WL[-1] - p_WO)
-        high = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
-        if high < -touch:
-            return Failure(
-                "collision", "start", name, f"its tip is {-1e3 * high:.1f} mm inside the object", "a better measurement"
-            )
-        if high > touch:
-            continue
-        direction = R_WO.T @ R_WL[-1] @ hand.axis_T[i]
-        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, mine, R_WL, p_WL):
-            return Failure("reach", "start", name, "cannot hold its contact within its joints' range", "bring it back")
-        contacts[i] = (mine, foot, n)
-    grasp = build_grasp(hand, R_WO, contacts)
-    off = np.repeat(grasp.holds == 0, np.diff(hand.chains.start))
-    return replace(grasp, q=np.where(off, q, grasp.q))
+
+    def placed(pose: Pose) -> dict[str, list[float]]:
+        quaternion = Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)
+        return {"position": pose[1].tolist(), "quaternion": quaternion.tolist()}
+
+    goals = {**plan.scene["goal"], "pose": placed(goal)}
+    return validate({**plan.scene, "start": {"pose": placed(X_WO)}, "goal": goals})
