@@ -12,11 +12,11 @@ from benchmarks.jobs import problem_of, start_of
 from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.configurations import Configurations, Grasp
-from regrasp.planner.energy import Shortcuts
 from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
 from regrasp.planner.scan import Relocation
+from regrasp.planner.terms import Shortcuts
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene
 from regrasp.settings import read

@@ -12,10 +12,10 @@ from benchmarks.measure import Row, compared, row, seconds_of
 from regrasp.bench.searches import PAPER_ITERATIONS, Job, job, search
 from regrasp.planner.chain import Codes, ContactMotions, anneal
 from regrasp.planner.configurations import keep_only
-from regrasp.planner.energy import Shortcuts
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.memory import forget
 from regrasp.planner.scan import new_scan
+from regrasp.planner.terms import Shortcuts
 from regrasp.scene.load import builtin
 from regrasp.search.annealing import Settings as Annealing
 

@@ -13,8 +13,8 @@ from benchmarks.table import number
 from regrasp.bench.searches import Job
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.configurations import bodies_along
-from regrasp.planner.energy import Shortcuts
 from regrasp.planner.scan import candidate_free, new_scan
+from regrasp.planner.terms import Shortcuts
 from regrasp.search.annealing import Settings as Annealing
 
 SCAN, WHOLE, MOVE = "scan of all for one agent", "one evaluation from scratch", "one move"

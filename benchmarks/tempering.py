@@ -12,8 +12,8 @@ from benchmarks.jobs import problem_of, start_of
 from benchmarks.measure import Row, compared
 from regrasp.bench.searches import Job
 from regrasp.planner.chain import ContactMotions
-from regrasp.planner.energy import Shortcuts
 from regrasp.planner.motion import detail
+from regrasp.planner.terms import Shortcuts
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import temperature_of
 

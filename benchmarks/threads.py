@@ -11,7 +11,7 @@ from numba import njit
 from benchmarks.jobs import problem_of, start_of
 from benchmarks.measure import Row, compared, seconds_of
 from regrasp.bench.searches import Job
-from regrasp.planner.energy import Shortcuts
+from regrasp.planner.terms import Shortcuts
 from regrasp.search.annealing import Settings as Annealing
 
 SINES = 5_000_000

@@ -17,7 +17,7 @@ from regrasp.kernels.forces import EDGES, friction_edges
 from regrasp.kernels.rotations import exp
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.wrist import solve_near
-from regrasp.planner.energy import Shortcuts
+from regrasp.planner.terms import Shortcuts
 from regrasp.search.annealing import Settings as Annealing
 
 FASTER = Row("kernels, per call", "forward", 1e-7, "s", 0.02, 7, 2e-6, 20.0)

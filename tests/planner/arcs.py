@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.energy import Shortcuts, Terms
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
@@ -21,6 +20,7 @@ from regrasp.planner.motion import Motion, detail
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.scan import Scan, new_scan
+from regrasp.planner.terms import Shortcuts, Terms
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene
 

@@ -7,8 +7,8 @@ import pytest
 from arcs import Arc, made
 
 from regrasp.planner import chain
-from regrasp.planner.energy import Shortcuts
 from regrasp.planner.method import Settings as Planner
+from regrasp.planner.terms import Shortcuts
 from regrasp.scene.load import builtin, load
 from regrasp.search import annealing
 from regrasp.search.annealing import Settings

@@ -9,11 +9,12 @@ from arcs import NAMES, Arc, arc, changed, made
 
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.configurations import UNKNOWN, Grasp
-from regrasp.planner.energy import Shortcuts, changes, loose, make_room
+from regrasp.planner.energy import make_room
 from regrasp.planner.hand import plane_of
 from regrasp.planner.local import random_motions
 from regrasp.planner.motions import OFF, ONTO, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
 from regrasp.planner.supports import SLIDE, STICK
+from regrasp.planner.terms import Shortcuts, changes, loose
 from regrasp.scene.load import load
 
 PLACES = ("q", "holds", "R_WG", "p_WG", "lost", "own")

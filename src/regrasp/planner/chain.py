@@ -12,13 +12,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.planner.configurations import Configurations, Grasp, grasp_of, new_configurations
-from regrasp.planner.energy import Shortcuts, Terms, Work, evaluate, make_room, new_work
+from regrasp.planner.energy import evaluate, make_room
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose, hopeless
 from regrasp.planner.scan import Scan
 from regrasp.planner.state import State, copy_intervals, new_state
+from regrasp.planner.terms import Shortcuts, Terms, Work, new_work
 from regrasp.search.annealing import ROUND, Result, Settings, temperature_of
 from regrasp.search.annealing import State as AnnealingState
 

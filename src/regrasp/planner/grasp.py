@@ -14,7 +14,6 @@ from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
-from regrasp.planner.energy import Terms
 from regrasp.planner.follow import REACHED
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
@@ -22,6 +21,7 @@ from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
 from regrasp.planner.scan import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
+from regrasp.planner.terms import Terms
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]

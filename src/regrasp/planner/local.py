@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from regrasp.planner.chain import ContactMotions, anneal
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.energy import Energy, Terms
 from regrasp.planner.hand import Hand
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, MotionSteps, commands
@@ -20,6 +19,7 @@ from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import Relocation, Scan, new_scan
+from regrasp.planner.terms import Energy, Terms
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import State as AnnealingState
 

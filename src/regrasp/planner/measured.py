@@ -13,7 +13,6 @@ from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
-from regrasp.planner.energy import Energy
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.method import Task
@@ -22,6 +21,7 @@ from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.scan import touch_down
 from regrasp.planner.supports import gap
+from regrasp.planner.terms import Energy
 
 Array = NDArray[np.float64]
 

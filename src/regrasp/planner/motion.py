@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.surfaces import project
 from regrasp.planner.configurations import Configurations
-from regrasp.planner.energy import Terms, Work
 from regrasp.planner.follow import is_full
 from regrasp.planner.hand import RANGE_MARGIN, Hand
 from regrasp.planner.motions import OFF, ONTO, plain
 from regrasp.planner.path import Path
 from regrasp.planner.splines import FINE, values
 from regrasp.planner.state import State
+from regrasp.planner.terms import Terms, Work
 from regrasp.planner.trace import LOST, NO_WAY, trace
 from regrasp.planner.turns import from_rotvec, rotvec
 

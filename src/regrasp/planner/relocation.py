@@ -10,13 +10,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.planner.configurations import Configurations, standing
-from regrasp.planner.energy import Terms, Work, interval_energy, sum_of_forces
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, STAY, is_sliding, whole
 from regrasp.planner.path import Path
 from regrasp.planner.scan import Scan, outlook_of
 from regrasp.planner.state import State
 from regrasp.planner.supports import STICK
+from regrasp.planner.terms import Terms, Work, interval_energy, sum_of_forces
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,6 @@ from regrasp.planner.along import apart, interval_at, pose_at, pose_of
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.energy import Energy
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled
 from regrasp.planner.method import Settings, end_pose, router_of, task_of, way_path
@@ -22,6 +21,7 @@ from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose, distance
 from regrasp.planner.poses import FREE
 from regrasp.planner.resume import Codes, coming, resampled, with_touching
+from regrasp.planner.terms import Energy
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Scene
 from regrasp.scene.world import from_plan

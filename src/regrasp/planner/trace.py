@@ -10,13 +10,13 @@ from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place, place_agent, tip_hits
 from regrasp.planner.configurations import Configurations
-from regrasp.planner.energy import Terms, Work, moves_freely
 from regrasp.planner.follow import is_full, reach_tip, short_step
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, is_sliding, slide_direction, whole
 from regrasp.planner.passage import free_motion
 from regrasp.planner.path import Path
 from regrasp.planner.state import State
+from regrasp.planner.terms import Terms, Work, moves_freely
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
