@@ -142,16 +142,15 @@ def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> No
 def test_a_finger_in_flight_stays_in_the_air_though_it_is_near(plan: Plan, hand: Hand) -> None:
     """Only one that the plan has in contact is given the contact that it nearly has."""
     task = prepare(load("puma4-obstacles"), Settings())
-    j = int(np.flatnonzero(np.all(plan.V < RELOCATE, axis=1))[0])
-    X_WO, q = pose_at(plan, plan.time[j, 0]), plan.joints[j, 0]
-    back = X_WO[0], X_WO[1] - 0.002 * X_WO[0] @ plan.n_O[j, 0, 0]
-    bears = np.ones(len(plan.agent_names), bool)
+    i = int(np.argmax(np.all(plan.V < RELOCATE, axis=0)))
+    X_WO, q, bears = pose_at(plan, plan.time[0, 0]), plan.joints[0, 0], plan.V[0] < RELOCATE
+    back = X_WO[0], X_WO[1] - 0.002 * X_WO[0] @ plan.n_O[0, 0, i]
     for flies in (False, True):
-        bears[0] = not flies
+        bears[i] = not flies
         grasp = measured_grasp(task, back, q, bears, 0.003, 0.0015)
         assert isinstance(grasp, Grasp), str(grasp)
-        assert grasp.holds[0] == (not flies)
-        mine = slice(hand.chains.start[0], hand.chains.start[1])
+        assert grasp.holds[i] == (not flies)
+        mine = slice(hand.chains.start[i], hand.chains.start[i + 1])
         assert np.array_equal(grasp.q[mine], q[mine]) == flies
 
 
