@@ -142,10 +142,10 @@ def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> No
 def test_a_finger_in_flight_stays_in_the_air_though_it_is_near(plan: Plan, hand: Hand) -> None:
     """Only one that the plan has in contact is given the contact that it nearly has."""
     task = prepare(load("puma4-obstacles"), Settings())
-    j = int(np.flatnonzero(np.all(plan.V < RELOCATE, axis=1))[0])
+    j = int(np.flatnonzero(plan.V[:, 0] < RELOCATE)[0])
     X_WO, q = pose_at(plan, plan.time[j, 0]), plan.joints[j, 0]
     back = X_WO[0], X_WO[1] - 0.002 * X_WO[0] @ plan.n_O[j, 0, 0]
-    bears = np.ones(len(plan.agent_names), bool)
+    bears = plan.V[j] < RELOCATE
     for flies in (False, True):
         bears[0] = not flies
         grasp = measured_grasp(task, back, q, bears, 0.003, 0.0015)
