@@ -2,8 +2,9 @@
 
     python examples/push.py
 
-Everything runs in physics: the object is free, only a wrench on it pushes. The fingers give way to the push; when the object
-rests again, `Replanner.step` plans from the measured pose and joints. Beside that, the same push with the plan alone.
+Everything runs in physics: the object is free, only a wrench on it pushes. The fingers give way to the push; meanwhile
+`Replanner.step` plans from the measured pose and joints, leg after leg. An answer counts LATENCY later, if the object is
+still there. Beside that, the same push with the plan alone.
 """
 
 import math
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from regrasp.control.controller import Controller
 from regrasp.control.feedback import displacement
@@ -32,10 +34,10 @@ LOOK = 0.02
 """s between two measurements of the object."""
 LOST = 2.0
 """Radii of the object off its path, from which on it counts as dropped."""
-REST = 1.2e-4
-"""m that an object moves at most from one measurement to the next, nearly at rest, counting its turn with its radius; …"""
-STILL = 4
-"""… and for so many measurements."""
+SLOW = 0.04
+"""m/s, its turn counted with its radius: an object that moves faster is not worth planning for."""
+LATENCY = 0.1
+"""s that pass until a step's answer is there."""
 PATIENCE = 20
 """Steps without a plan, one after the other, until all is given up."""
 
@@ -100,10 +102,11 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
     controller = Controller(world, table, control, physics.drives.gains.K)
     body, dof = world.object_body, physics.model.joint("object").dofadr[0]
     radius = float(physics.model.geom_rbound[world.object_geoms].max())
-    every, row, tick, still = round(LOOK / PERIOD), 0, 0, 0
+    every, row, tick, due = round(LOOK / PERIOD), 0, 0, 0
     begun, let_go, gives_way, dropped, complete = math.inf, False, False, False, True
     before = at_push = (physics.p_WO, physics.R_WO)
     pushed, answers, failed = (0.0, 0.0), [], 0
+    at_hand, pending = plan, None
     while row < len(table) and failed < PATIENCE:
         if row == table.start:
             physics.release()
@@ -118,18 +121,23 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
             if dropped:
                 break
             step = size(displacement(*before, *seen))
-            still = still + 1 if step[0] + radius * step[1] < REST else 0
-            before = seen
-            if replanner is not None and waits and still >= STILL:
-                answer = replanner.step(table.time(row), (physics.R_WO, physics.p_WO), physics.q)
-                answers.append(answer)
-                complete = answer.complete
-                failed = failed + 1 if answer.failure else 0
-                if answer.new:
-                    table = taken_over(answer.plan, PERIOD, control.phases, controller.forces(row)[0])
-                    row, still = 0, 0
-                if not answer.failure:
+            slow, before = step[0] + radius * step[1] < SLOW * LOOK, seen
+            mine = controller
+            if pending is not None and tick >= due:
+                answer, pending = pending, None
+                begin = answer.plan.object_position[0, 0], rotation(answer.plan.object_quaternion[0, 0])
+                if answer.plan is not at_hand and not np.any(beyond(control.leash, displacement(*begin, *seen))):
+                    at_hand, complete = answer.plan, answer.complete
+                    table = taken_over(at_hand, PERIOD, control.phases, controller.forces(row)[0])
+                    controller, gives_way, row = Controller(world, table, control, physics.drives.gains.K), False, 0
+                elif answer.plan is at_hand and not answer.failure:
                     controller, gives_way = Controller(world, table, control, physics.drives.gains.K), False
+            elif replanner is not None and waits and slow and pending is None:
+                pending = replanner.step(table.time(row), (physics.R_WO, physics.p_WO), physics.q)
+                answers.append(pending)
+                due, failed = tick + round(LATENCY / PERIOD), failed + 1 if pending.failure else 0
+            if controller is not mine:
+                pass  # it begins with a command
             elif gives_way:
                 controller.give_way(row, seen)
             else:
@@ -151,6 +159,11 @@ def run(plan: Plan, push: Push, replanner: Replanner | None) -> Run:
     goal = world.scene.goal.pose
     final = size(displacement(goal.p, goal.R, physics.p_WO, physics.R_WO))
     return Run(pushed, tuple(answers), final, dropped)
+
+
+def rotation(quaternion: Array) -> Array:
+    """R (3, 3) of a quaternion w x y z."""
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def planned(name: str, seed: int) -> Plan:

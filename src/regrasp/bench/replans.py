@@ -17,6 +17,7 @@ from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.along import interval_at, joints_at, pose_at
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.replan import Answer, Replanner
 from regrasp.scene.load import load
@@ -83,12 +84,12 @@ def replans(seeds: int) -> dict[str, Any]:
     compile_kernels()
     rows = [scene_row(name, seeds) for name in SCENES]
     table = Table(title=f"planned again, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 1, 0, 0))
-    for heading in ("scene", "planned", "1st call", "calls", "out of reach", "ms", "90 %", "state", "search", "forces"):
+    for heading in ("scene", "planned", "1st call", "calls", "impossible", "ms", "90 %", "state", "search", "forces"):
         table.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for row in rows:
         table.add_row(
             row["scene"], f"{row['planned']}/{row['states']}", str(row["at_once"]), f"{row['calls']:.1f}",
-            str(row["out_of_reach"]), *(f"{row[key]:.0f}" for key in ("median_ms", "ninety_ms", *PHASES)),
+            str(row["impossible"]), *(f"{row[key]:.0f}" for key in ("median_ms", "ninety_ms", *PHASES)),
         )  # fmt: skip
     console = Console()
     console.print(table)
@@ -102,7 +103,10 @@ PHASES = ("state", "search", "forces")
 
 
 def scene_row(name: str, seeds: int) -> dict[str, Any]:
-    """One scene. calls: mean of the states that were planned; ms: of all calls that searched."""
+    """One scene. calls: mean of the states that were planned; ms: of all calls that searched.
+
+    impossible: draws that the fingers cannot reach, or with the object inside something.
+    """
     scene = load(name)
     settings = read(Settings, scene.planner)
     steps: list[Answer] = []
@@ -121,9 +125,12 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
             if state is None:
                 lost += 1
                 continue
-            done += 1
             answers = asked(Replanner(plan, seed=done), state)
-            steps += answers
+            if inside(answers[0].failure):
+                lost += 1
+                continue
+            done += 1
+            steps += [answer for answer in answers if answer.iterations]
             if answers[-1].new:
                 calls.append(len(answers))
             else:
@@ -137,7 +144,7 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         "planned": len(calls),
         "at_once": calls.count(1),
         "calls": float(np.mean(calls)) if calls else float("nan"),
-        "out_of_reach": lost,
+        "impossible": lost,
         "median_ms": 1e3 * float(np.median(seconds)),
         "ninety_ms": 1e3 * float(np.quantile(seconds, 0.9)),
         **{
@@ -146,6 +153,15 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         },
         "reasons": reasons,
     }
+
+
+def inside(failure: Failure | None) -> bool:
+    """Whether the draw has put the object into something."""
+    return failure is not None and (failure.constraint, failure.where, failure.agent) == (
+        "collision",
+        "start",
+        "object",
+    )
 
 
 def asked(replanner: Replanner, state: Displaced) -> list[Answer]:

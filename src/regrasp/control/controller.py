@@ -50,6 +50,7 @@ class Controller:
         self._correction = np.zeros(len(self._addresses))
         self._pushed: Pose | None = None
         self._give = 1.0 / stiffness
+        self._most = np.array([agent.max_force for agent in world.agents])
         self._tips = [agent.tip_geom for agent in world.agents]
         joints = np.array([len(agent.qpos) for agent in world.agents])
         self._owner = np.repeat(np.arange(len(joints)), joints)
@@ -82,9 +83,9 @@ class Controller:
             bears = ref.bears[row]
             force, where = force.copy(), where.copy()
             planned = ref.p_WO[row], ref.R_WO[row]
-            force[bears], where[bears] = carried(
-                force[bears], where[bears], planned, self._pushed, self.control.leash.grip
-            )
+            room = self._most[bears] / np.maximum(np.linalg.norm(force[bears], axis=1), 1e-9)
+            grip = max(1.0, min(self.control.leash.grip, float(np.min(room, initial=np.inf))))
+            force[bears], where[bears] = carried(force[bears], where[bears], planned, self._pushed, grip)
         return force, where
 
     def give_way(self, row: int, seen: Pose) -> None:

@@ -23,7 +23,7 @@ Pose = tuple[Array, Array]
 @dataclass(frozen=True)
 class Leash:
     """How fingers give way. shift, m, and turn, rad: how far the object gets from where they would have it before they do.
-    grip: factor on what they do to each other meanwhile.
+    grip: factor on what they do to each other meanwhile, as far as no finger's largest force is exceeded.
     """
 
     shift: float = 3.5e-3

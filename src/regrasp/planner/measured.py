@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.basis import program
 from regrasp.kernels.chains import forward
@@ -22,6 +23,8 @@ from regrasp.planner.path import Path, Pose
 from regrasp.planner.scan import touch_down
 from regrasp.planner.supports import gap
 from regrasp.planner.terms import Energy
+from regrasp.scene.load import validate
+from regrasp.scene.schema import Scene
 
 Array = NDArray[np.float64]
 
@@ -127,3 +130,17 @@ def held(hand: Hand, path: Path, grasp: Grasp, energy: Energy) -> bool:
         hand, path, 0, 0, grasp.holds, np.full(k, STAY, np.int16), p, n, np.zeros((k, 3)), energy.margins, False, lp
     )
     return bool(found)
+
+
+def started(plan: Plan, X_WO: Pose, goal: Pose) -> Scene:
+    """The plan's scene from another start, whatever the grasp, to another goal.
+
+    Raises InputError where its freedoms forbid it.
+    """
+
+    def placed(pose: Pose) -> dict[str, list[float]]:
+        quaternion = Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)
+        return {"position": pose[1].tolist(), "quaternion": quaternion.tolist()}
+
+    goals = {**plan.scene["goal"], "pose": placed(goal)}
+    return validate({**plan.scene, "start": {"pose": placed(X_WO)}, "goal": goals})

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from regrasp.errors import InputError
 from regrasp.plan import RELOCATE, Plan
@@ -15,15 +14,13 @@ from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.local import plan_arc
-from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled
+from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
 from regrasp.planner.method import Settings, end_pose, router_of, task_of, way_path
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose, distance
 from regrasp.planner.poses import FREE
 from regrasp.planner.resume import Codes, coming, resampled, with_touching
 from regrasp.planner.terms import Energy
-from regrasp.scene.load import validate
-from regrasp.scene.schema import Scene
 from regrasp.scene.world import from_plan
 from regrasp.settings import demand, read
 
@@ -299,17 +296,3 @@ class Replanner:
             task.settings.timing, self._seed, task.settings, True,
         )  # fmt: skip
         return plan if isinstance(plan, Failure) else replace(plan, time=plan.time + t)
-
-
-def started(plan: Plan, X_WO: Pose, goal: Pose) -> Scene:
-    """The plan's scene from another start, whatever the grasp, to another goal.
-
-    Raises InputError where its freedoms forbid it.
-    """
-
-    def placed(pose: Pose) -> dict[str, list[float]]:
-        quaternion = Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)
-        return {"position": pose[1].tolist(), "quaternion": quaternion.tolist()}
-
-    goals = {**plan.scene["goal"], "pose": placed(goal)}
-    return validate({**plan.scene, "start": {"pose": placed(X_WO)}, "goal": goals})
