@@ -38,7 +38,7 @@ SLOW = 0.04
 """m/s, its turn counted with its radius: an object that moves faster is not worth planning for."""
 LATENCY = 0.1
 """s that pass until a step's answer is there."""
-PATIENCE = 20
+PATIENCE = 60
 """Steps without a plan, one after the other, until all is given up."""
 
 
