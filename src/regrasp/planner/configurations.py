@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
-SIZE = 12288  # configurations that are kept; when they are used up all are forgotten and the current V's computed anew
+SPARE = 2048  # configurations that are kept beyond four times those of a V: few enough to stay in a processor's cache
 UNKNOWN = 255
 
 
@@ -95,7 +95,8 @@ def bodies_along(hand: Hand, path: Path) -> tuple[Array, Array]:
 
 def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Configurations:
     """Nothing known but the start."""
-    k, n, N = len(hand.tip_geom), len(path.R_WO), SIZE
+    k, n = len(hand.tip_geom), len(path.R_WO)
+    N = SPARE + 4 * (k + 1) * (n + 1)
     joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     R_WB, p_WB = bodies_along(hand, path)
     found = Configurations(

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.planner.configurations import SIZE, Configurations, keep_only, onward, own_hits
+from regrasp.planner.configurations import Configurations, keep_only, onward, own_hits
 from regrasp.planner.hand import Hand
 from regrasp.planner.memory import forget
 from regrasp.planner.motions import RELOCATE, whole
@@ -189,7 +189,7 @@ def evaluate(
 def make_room(found: Configurations, work: Work, cur: State) -> None:
     """Before an evaluation that could run out of configurations: forget all but those of the current state."""
     n, k = cur.V.shape
-    if found.used[0] + (k + 1) * (n + 1) + ROOM < SIZE:
+    if found.used[0] + (k + 1) * (n + 1) + ROOM < len(found.q):
         return
     keep_only(found, cur.at)
     forget(work.pairs)
