@@ -1,5 +1,6 @@
 """The scan of the object's surface for contacts (paper §3): where an agent can stand, and for how long it could stay there."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,9 +59,18 @@ class Scan(Record):
     kept: Array
 
 
+@functools.cache
+def points(kind: int, size: tuple[float, ...], count: int) -> tuple[Array, Array]:
+    """`sample` of an object's surface, made once: every annealing run of every arc scans the same points."""
+    p_O, n_O = sample(kind, np.array(size), count)
+    p_O.setflags(write=False)
+    n_O.setflags(write=False)
+    return p_O, n_O
+
+
 def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     """The candidates on a near-uniform sampling of the object's surface, nothing known of them yet."""
-    p_O, n_O = sample(hand.kind_O, hand.size_O, settings.candidates)
+    p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints = int(np.max(np.diff(hand.chains.start)))
     shape = (k, n + 1, 2 * len(p_O))
