@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from regrasp.plan import Plan
 from regrasp.planner.path import Pose
+from regrasp.planner.turns import angle, from_quaternion
 
 Array = NDArray[np.float64]
 
@@ -33,9 +34,9 @@ def joints_at(plan: Plan, t: float) -> Array:
 
 def pose_of(row: Array) -> Pose:
     """The pose (R, p) of a row of a plan's route."""
-    return Rotation.from_quat(row[3:].copy(), scalar_first=True).as_matrix(), row[:3].copy()
+    return from_quaternion(row[3:]), row[:3].copy()
 
 
 def apart(a: Pose, b: Pose) -> tuple[float, float]:
     """Distance, m, and angle, rad, of two poses."""
-    return float(np.linalg.norm(b[1] - a[1])), float(Rotation.from_matrix(b[0] @ a[0].T).magnitude())
+    return float(np.linalg.norm(b[1] - a[1])), float(angle(b[0] @ a[0].T))

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.basis import program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.surfaces import project
 from regrasp.plan import RELOCATE, Plan
+from regrasp.planner.assemble import pose_row
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
@@ -139,8 +139,8 @@ def started(plan: Plan, X_WO: Pose, goal: Pose) -> Scene:
     """
 
     def placed(pose: Pose) -> dict[str, list[float]]:
-        quaternion = Rotation.from_matrix(pose[0]).as_quat(scalar_first=True)
-        return {"position": pose[1].tolist(), "quaternion": quaternion.tolist()}
+        row = pose_row(pose)
+        return {"position": row[:3].tolist(), "quaternion": row[3:].tolist()}
 
     goals = {**plan.scene["goal"], "pose": placed(goal)}
     return validate({**plan.scene, "start": {"pose": placed(X_WO)}, "goal": goals})
