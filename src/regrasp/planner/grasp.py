@@ -20,11 +20,21 @@ from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
-from regrasp.planner.scan import LOOKS, Scan, candidate_free, hold_on, outlook_of, touch, touch_down
+from regrasp.planner.scan import LOOKS, Scan, candidate_free, hold_on, look_ahead, outlook_of, touch, touch_down
+from regrasp.planner.supports import STICK
 from regrasp.planner.terms import Terms
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
+OUT = -1  # the choice of an agent that stays off
+
+
+@dataclass(frozen=True)
+class Stance:
+    """A grasp that was found, and the candidates of the scan on which its agents stand (k,), OUT where they are off."""
+
+    grasp: Grasp
+    candidates: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -133,31 +143,47 @@ def grasp_cost(
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
-    As in a relocation: where contacts leave reach, and agents that could not be relocated as the others don't hold.
-    kept (agents, C): part of the path on which each can keep its contact; ahead_R, ahead_p (agents, C, LOOKS + 1, g_max, …):
-    its bodies there; rest_R, rest_p (k, g_max, …): all agents' bodies at rest. inf without equilibrium, where two agents
-    collide at the start, or as soon as it is known not to be below the bound.
+    An agent whose choice is OUT is off. As in a relocation: where contacts leave reach, where the object is not held on the
+    way, and agents that could not be relocated as the others don't hold. kept (agents, C): part of the path on which each can
+    keep its contact; ahead_R, ahead_p (agents, C, LOOKS + 1, g_max, …): its bodies there; rest_R, rest_p (k, g_max, …): all
+    agents' bodies at rest. inf without equilibrium, where two agents collide at the start, where no agent touches, or as soon
+    as it is known not to be below the bound.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int16)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
     which = np.full(k, -1)
-    cost, start = 0.0, whole(0)
+    cost, start, stick = 0.0, whole(0), 0
     for a in range(len(agents)):
+        if choice[a] == OUT:
+            continue
         i = agents[a]
         which[i] = a
         bears[i] = 1
+        stick += 1
         p[i] = scan.p[i, 0, choice[a]]
         normal[i] = scan.n[i, 0, choice[a]]
         cost += terms.outlook * (1.0 - kept[a, choice[a]])
-    if cost >= bound:
+    if stick == 0 or cost >= bound:
         return np.inf
+    for column in range(path.support_mode.shape[1]):
+        if path.support_mode[n // 2, column] == STICK:
+            stick += 1
+    cost += terms.stability * max(0, hand.needed - stick)
     held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, False, lp)
     if not held or cost + value >= bound:
         return np.inf
     cost += value
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, True, lp)
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, False, lp)
     cost += value if held else 2.0 * terms.outlook
+    if path.support_mode.shape[1] > 0:
+        for look in range(1, LOOKS):
+            if cost >= bound:
+                return np.inf
+            j = look_ahead(n, start, look)
+            held, value, _ = balance(hand, path, min(j, n - 1), start, bears, codes, p, normal, t, margins, False, lp)
+            if not held:
+                cost += 2.0 * terms.outlook / LOOKS
     if cost >= bound:
         return np.inf
     cost += terms.outlook * indispensable(hand, path, bears, p, normal, margins, lp)
@@ -214,13 +240,17 @@ def improve(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array, cost: float, lp: Program,
 ) -> float:  # fmt: skip
-    """Change one agent's candidate at a time as long as the cost falls; choice in and out. Returns the cost."""
+    """Change one agent's candidate at a time as long as the cost falls; choice in and out. Returns the cost.
+
+    An agent may only be off where supports can hold the object without it.
+    """
     changed = True
+    first = OUT if path.support_mode.shape[1] > 0 else 0
     while changed:
         changed = False
         for a in range(len(agents)):
-            for c in range(len(scan.p_O)):
-                if kept[a, c] < 0.0:
+            for c in range(first, len(scan.p_O)):
+                if c >= 0 and kept[a, c] < 0.0:
                     continue
                 before = choice[a]
                 choice[a] = c
@@ -237,10 +267,14 @@ def improve(
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
     settings: GraspSearch, rng: np.random.Generator,
-) -> Grasp | Failure:  # fmt: skip
-    """A start grasp (`auto`): all agents that are not off, on candidates of the scan, with the least cost found."""
+) -> Stance | Failure:  # fmt: skip
+    """A start grasp (`auto`) on candidates of the scan, with the least cost found.
+
+    All agents hold that are not off; where supports carry the object, as many as it costs least.
+    """
     k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     agents = np.array([i for i in range(k) if i not in off], np.int64)
+    carried = path.support_mode.shape[1] > 0
     R_WB, p_WB = bodies_along(hand, path)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     kept = np.zeros((len(agents), count))
@@ -249,12 +283,18 @@ def find_grasp(
         np.zeros((len(agents), count, LOOKS + 1, geoms, 3)),
     )
     for a, i in enumerate(agents):
-        if not look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[a], ahead_R[a], ahead_p[a]):
+        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[a], ahead_R[a], ahead_p[a])
+        if not reached and not carried:
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
                 "move the object nearer to its base, or list the agent in start.off",
             )  # fmt: skip
-    legal = [np.flatnonzero(row >= 0.0) for row in kept]
+    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] if carried else []).astype(np.int64) for row in kept]
+    if all(len(choices) == 1 for choices in legal) and carried:
+        return Failure(
+            "reach", "start", "", "no agent reaches a point of the object that is clear of everything",
+            "agents nearer to the object",
+        )  # fmt: skip
     rest_R, rest_p = np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
     for i in range(k):
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
@@ -288,9 +328,11 @@ def find_grasp(
             "equilibrium", "start", "", "no grasp within reach holds the object",
             "more friction, a larger max_force, a lighter object, or another agent",
         )  # fmt: skip
-    contacts = {}
+    contacts, candidates = {}, np.full(k, OUT)
     for a, i in enumerate(agents):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
         c = best_choice[a]
-        contacts[int(i)] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
-    return build_grasp(hand, path.R_WO[0, 0], contacts)
+        if c != OUT:
+            candidates[i] = c
+            contacts[int(i)] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
+    return Stance(build_grasp(hand, path.R_WO[0, 0], contacts), candidates)

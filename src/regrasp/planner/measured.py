@@ -16,12 +16,12 @@ from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
-from regrasp.planner.method import Task
+from regrasp.planner.task import Task
 from regrasp.planner.motions import STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.scan import touch_down
-from regrasp.planner.supports import gap
+from regrasp.planner.supports import gap, moved_onto
 from regrasp.planner.terms import Energy
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Scene
@@ -34,11 +34,10 @@ SHARES = (1.0, 0.7, 0.4, 0.2, 0.0)
 
 def settled(task: Task, plan: Plan, j: int, X_WO: Pose, touch: float) -> Pose:
     """The pose put exactly onto the supports that carry the object in interval j, where it is measured near them."""
-    grid = task.router.grid
     carry = {plan.support_names[p] for p in np.flatnonzero(plan.support_mode[j])}
-    for index, support in enumerate(grid.supports):
-        if support.name in carry and abs(gap(support, grid.kind_O, grid.size_O, *X_WO)) <= touch:
-            X_WO = grid.snapped(X_WO, index)
+    for support in task.supports:
+        if support.name in carry and abs(gap(task.hand, support, *X_WO)) <= touch:
+            X_WO = X_WO[0], moved_onto(task.hand, support, *X_WO)
     return X_WO
 
 

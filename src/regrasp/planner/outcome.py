@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from regrasp.plan import Plan
+from regrasp.planner.path import Pose
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,30 @@ class Progress:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """An arc of the route that the local planner was given.
+
+    kind: how the object goes ('slide', 'pivot', 'straight', …), from start to goal. how: what made its motion ('stay', 'new
+    grasp', 'annealing'), '' where nothing did; failure: why not, None where something did.
+    """
+
+    kind: str
+    start: Pose
+    goal: Pose
+    how: str
+    failure: Failure | None
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """The result of planning: a feasible plan, or a failure; with one for lack of time also the best plan so far."""
+    """The result of planning: a feasible plan, or a failure; with one for lack of time also the best plan so far.
+
+    tried: the arcs that the local planner was given, in order.
+    """
 
     plan: Plan | None
     failure: Failure | None
+    tried: tuple[Tried, ...] = ()
 
 
 Report = Callable[[Progress], None]

@@ -1,37 +1,31 @@
-"""The object's quantised configuration space (paper §3): positions on a grid, orientations from a near-uniform set.
+"""The object's quantised configuration space (paper §3) as a graph that grows where it is searched.
 
-Any subset of the six freedoms is quantised; the exact start and goal are joined to the grid. Poses near a support exist a
-second time, snapped onto it, so that a route can lead along the surface that carries the object.
+Its nodes are poses with the surfaces that touch there, its arcs the moves of `moves`, as far as the surroundings let them. Two
+poses of one cell, one orientation and the same surfaces are one node, the one that was found first, so that the graph is
+finite. The exact goal is joined to every node from which an arc leads there.
 """
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.planner.path import Pose, distance, interpolate
-from regrasp.planner.supports import TOUCH, Support, gap
-from regrasp.planner.turns import from_quaternion, from_rotvec, quaternion
+from regrasp.planner.arcs import Arc, straight
+from regrasp.planner.hand import Hand
+from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
+from regrasp.planner.path import Pose, distance
+from regrasp.planner.supports import TOUCH, Patch, Support, patch_of
+from regrasp.planner.surroundings import Surroundings, gaps_at, go
+from regrasp.planner.turns import angle as angle_of
+from regrasp.planner.turns import from_quaternion, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
-AXES = ("x", "y", "z", "rx", "ry", "rz")
-FREE = -1
 START, GOAL = 0, 1
-
-
-@dataclass(frozen=True, order=True)
-class Node:
-    """A pose of the grid: cell (x, y, z) in steps from the start, index of its orientation, support (FREE: none).
-
-    Orientations START and GOAL are those of the two exact poses; the goal itself is the one node with exact = True.
-    """
-
-    cell: tuple[int, int, int]
-    turn: int
-    support: int
-    exact: bool = False
+AROUND = 12  # orientations next to one
+THERE = (5e-5, 5e-4)  # m and rad: an arc that ends so near the goal ends there
+SAME = (1e-5, 1e-4)  # m and rad: poses that are one
 
 
 def super_fibonacci(count: int) -> Array:
@@ -46,7 +40,7 @@ def super_fibonacci(count: int) -> Array:
 
 
 def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: float) -> list[Array]:
-    """The set of rotations R_WO searched: start, goal, and those that the freedoms allow, about `step` rad apart.
+    """The set of rotations R_WO searched in the air: start, goal, and those that the freedoms allow, about `step` rad apart.
 
     One rotation: the whole circle from the start. Two: products of turns about the two world axes. Three: the
     super-Fibonacci set turned so that the start belongs to its grid.
@@ -58,8 +52,8 @@ def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: flo
     if len(axes) == 3:
         count = math.ceil(math.pi**2 / (step / 2.0) ** 3 / 2.0)  # volume of SO(3) over that of a ball of a step
         return found + list(from_quaternion(super_fibonacci(count)) @ start)
-    turns = np.arange(math.ceil(2.0 * math.pi / step)) * (2.0 * math.pi / math.ceil(2.0 * math.pi / step))
-    for angles in itertools.product(turns, repeat=len(axes)):
+    circle = np.arange(math.ceil(2.0 * math.pi / step)) * (2.0 * math.pi / math.ceil(2.0 * math.pi / step))
+    for angles in itertools.product(circle, repeat=len(axes)):
         if any(angles):
             R = np.eye(3)
             for axis, angle in zip(axes, angles, strict=True):
@@ -68,97 +62,178 @@ def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: flo
     return found
 
 
-class PoseGrid:
-    """Nodes, their poses and their neighbours; knows no obstacles and no costs."""
+@dataclass(frozen=True)
+class Resolution:
+    """How finely the poses are searched: m between positions, rad between orientations, m of clearance from obstacles."""
 
-    def __init__(
-        self, start: Pose, goal: Pose, freedoms: tuple[str, ...], step: float, angle: float,
-        supports: tuple[Support, ...], kind_O: int, size_O: Array,
-    ) -> None:  # fmt: skip
-        self.start_pose, self.goal_pose, self.step = start, goal, step
-        self.moves = [AXES.index(name) for name in AXES[:3] if name in freedoms]
-        self.supports, self.kind_O, self.size_O = supports, kind_O, size_O
-        self.rotations = orientations(freedoms, start[0], goal[0], angle)
-        self.near = self._neighbour_turns(angle)
-        self.start = Node((0, 0, 0), START, self.touched(start))
-        self.goal = Node((0, 0, 0), GOAL, self.touched(goal), exact=True)
-        self._poses: dict[Node, Pose | None] = {self.start: start, self.goal: goal}
+    step: float
+    angle: float
+    clearance: float
 
-    def _neighbour_turns(self, angle: float) -> list[list[int]]:
-        """For each orientation, those within 1.6 steps, and at least its nearest, so that the graph is connected."""
-        quaternions = quaternion(np.array(self.rotations))
-        near: list[set[int]] = []
-        for a, q in enumerate(quaternions):
-            closeness = np.abs(quaternions @ q)  # cos(θ/2) for rotations θ apart
-            ball = np.flatnonzero(closeness >= math.cos(min(0.8 * angle, 0.5 * math.pi)))
-            nearest = np.argsort(-closeness, kind="stable")[:6]
-            near.append({int(b) for b in (*ball, *nearest)} - {a})
-        for a, others in enumerate(near):
-            for b in others:
-                near[b].add(a)
-        return [sorted(others) for others in near]
 
-    def touched(self, pose: Pose) -> int:
-        """The first support that the object touches at a pose, or FREE."""
-        for index, support in enumerate(self.supports):
-            if abs(gap(support, self.kind_O, self.size_O, *pose)) <= TOUCH:
-                return index
-        return FREE
+@dataclass
+class Blocked:
+    """A body that stopped moves, where it did so nearest to the goal, and how often."""
 
-    def snapped(self, pose: Pose, index: int) -> Pose:
-        """The pose moved along the support's normal until the object touches it."""
-        support = self.supports[index]
-        return pose[0], pose[1] - gap(support, self.kind_O, self.size_O, *pose) * support.n_W
+    body: int
+    far: float
+    pose: Pose
+    count: int = 0
 
-    def pose(self, node: Node) -> Pose | None:
-        """X_WO of a node; None where snapping would move it by more than a step or along a held axis."""
-        if node not in self._poses:
-            p = self.start_pose[1] + self.step * np.array(node.cell, float)
-            pose: Pose | None = (self.rotations[node.turn], p)
-            if node.support != FREE:
-                assert pose is not None
-                moved = self.snapped(pose, node.support)
-                shift = moved[1] - p
-                held = [axis for axis in range(3) if axis not in self.moves]
-                pose = moved if np.linalg.norm(shift) <= self.step and np.all(np.abs(shift[held]) <= TOUCH) else None
-            self._poses[node] = pose
-        return self._poses[node]
 
-    def neighbours(self, node: Node) -> list[Node]:
-        """Nodes one step away in position or in orientation, on and off each support; and the goal, straight away."""
-        if node.exact:
-            return []
-        found = [self.goal]
-        around = [(node.cell, turn) for turn in (node.turn, *self.near[node.turn])]
-        for axis, sign in itertools.product(self.moves, (-1, 1)):
-            beside = list(node.cell)
-            beside[axis] += sign
-            around.append(((beside[0], beside[1], beside[2]), node.turn))
-        for cell, turn in around:
-            for support in range(FREE, len(self.supports)):
-                other = Node(cell, turn, support)
-                if other != node and self.pose(other) is not None:
-                    found.append(other)
-        return found
+@dataclass
+class PoseGraph:
+    """Nodes 0, 1, 2, …, the start and the goal first, with their poses, what touches there, and the arcs found."""
 
-    def arc(self, a: Node, b: Node, count: int) -> tuple[Array, Array]:
-        """count + 1 poses (R, p) from a to b, see `between`."""
-        start, goal = self.pose(a), self.pose(b)
-        assert start is not None
-        assert goal is not None
-        return self.between(start, goal, a.support if a.support == b.support else FREE, count)
+    hand: Hand
+    around: Surroundings
+    supports: tuple[Support, ...]
+    freedoms: tuple[str, ...]
+    start: Pose
+    goal: Pose
+    resolution: Resolution
+    poses: list[Pose] = field(init=False)
+    held: list[tuple[int, ...]] = field(init=False)
+    arcs: dict[tuple[int, int], Arc] = field(init=False, default_factory=dict)
+    blocked: dict[int, Blocked] = field(init=False, default_factory=dict)
 
-    def between(self, start: Pose, goal: Pose, support: int, count: int) -> tuple[Array, Array]:
-        """count + 1 poses (R, p): straight, and all the way on the support that carries both ends, if one does."""
-        R, p = interpolate(start, goal, np.linspace(0.0, 1.0, count + 1))
-        if support != FREE:
-            for s in range(1, count):
-                p[s] = self.snapped((R[s], p[s]), support)[1]
-        return R, p
+    def __post_init__(self) -> None:
+        self.rotations = np.array(
+            orientations(self.freedoms, self.start[0], self.goal[0], self.resolution.angle)
+        )
+        self.free = freedoms_of(self.freedoms)
+        self._seen = [self.start[0]]
+        self._cells: dict[object, int] = {}
+        self._ways: dict[int, list[int]] = {}
+        self.poses, self.held = [self.start, self.goal], [self.touched(self.start), self.touched(self.goal)]
+        self._cells[self._cell(self.start, self.held[START])] = START
 
-    def length(self, a: Node, b: Node, radius: float) -> float:
-        """Distance of two nodes' poses (`path.distance`), m."""
-        start, goal = self.pose(a), self.pose(b)
-        assert start is not None
-        assert goal is not None
-        return distance(start, goal, radius)
+    def touched(self, pose: Pose) -> tuple[int, ...]:
+        """The supports that the object touches at a pose."""
+        gaps = np.empty(len(self.around.kind))
+        gaps_at(self.around, *pose, 2.0 * TOUCH, gaps)
+        return tuple(int(b) for b in np.flatnonzero(np.abs(gaps[: len(self.supports)]) <= TOUCH))
+
+    def patches(self, node: int) -> list[Patch]:
+        """The contact patches of a node."""
+        found = [patch_of(self.hand, self.supports[b], *self.poses[node]) for b in self.held[node]]
+        return [patch for patch in found if patch is not None]
+
+    def _cell(self, pose: Pose, held: tuple[int, ...]) -> object:
+        p = np.round((pose[1] - self.start[1]) / (0.5 * self.resolution.step)).astype(int)
+        seen = np.array(self._seen)
+        far = angle_of(seen @ pose[0].T)
+        turn = int(np.argmin(far))
+        if far[turn] > 0.4 * self.resolution.angle:
+            self._seen.append(pose[0])
+            turn = len(self._seen) - 1
+        return (*p.tolist(), turn, held)
+
+    def went(self, arc: Arc, held: tuple[int, ...]) -> tuple[Arc, int]:
+        """The part of the arc that the object can go from where it touches `held`, and the body that stops it, or −1."""
+        flags, kept = np.zeros(len(self.around.kind), np.uint8), np.zeros(len(self.around.kind), np.uint8)
+        flags[list(held)] = 1
+        fine = max(0.002, 0.02 * self.hand.radius)
+        steps = max(2, math.ceil(arc.length(self.hand.radius) / fine))
+        u, body = go(self.around, *arc.start, arc.w, arc.c, arc.d, steps, self.resolution.clearance, flags, kept)
+        return arc.part(u, tuple(int(b) for b in np.flatnonzero(kept))), body
+
+    def neighbours(self, node: int) -> list[int]:
+        """Where arcs lead from a node, made when first asked."""
+        if node not in self._ways:
+            self._ways[node] = [] if node == GOAL else self._made(node)
+        return self._ways[node]
+
+    def _made(self, node: int) -> list[int]:
+        pose, held, patches = self.poses[node], self.held[node], self.patches(node)
+        found: dict[int, None] = {}
+
+        def add(arc: Arc) -> None:
+            other = self._joined(node, arc)
+            if other is not None and other != node:
+                found[other] = None
+
+        step, angle, rounding = self.resolution.step, self.resolution.angle, self.around.radius_O
+        add_goal = straight(pose, self.goal)
+        if self.free.allow(add_goal):
+            arc, _ = self.went(add_goal, held)
+            if self.near_goal(arc.goal):
+                add(arc)
+        for whole in itertools.chain(
+            shifts(pose, patches, self.free, step, self.goal),
+            turns(pose, patches, self._beside(pose[0]), angle, self.goal),
+            rolls(pose, patches, self.hand.kind_O, self.hand.size_O, angle),
+        ):
+            if not self.free.allow(whole):
+                continue
+            arc, body = self.went(whole, held)
+            self._note(body, arc.goal)
+            far = arc.length(self.hand.radius) / max(whole.length(self.hand.radius), 1e-12)
+            on_surface = whole.kind in ("slide", "roll") or (whole.kind == "turn" and patches)
+            if far >= (0.2 if body < len(self.supports) else 0.5) and (arc.on or not on_surface):
+                add(arc)
+        for whole in pivots(pose, patches, rounding):
+            if not self.free.allow(whole):
+                continue
+            arc, body = self.went(whole, held)
+            if arc.angle < LEAST or not arc.on:
+                continue
+            left = float(rotvec(self.goal[0] @ pose[0].T) @ whole.w) / whole.angle
+            if LEAST < left <= arc.angle + THERE[1]:
+                add(arc.part(min(1.0, left / arc.angle), arc.on))
+            if 0 <= body < len(self.supports):
+                add(arc)
+            elif body >= 0:
+                self._note(body, arc.goal)
+            if angle < arc.angle:
+                add(arc.part(angle / arc.angle, arc.on))
+        return list(found)
+
+    def _beside(self, R: Array) -> list[Array]:
+        """Orientations of the set next to R, and the goal's."""
+        far = angle_of(self.rotations @ R.T)
+        order = np.argsort(far, kind="stable")
+        near = [int(a) for a in order if SAME[1] < far[a]][:AROUND]
+        near = [a for a in near if far[a] <= 1.6 * self.resolution.angle] or near[:4]
+        return [self.rotations[a] for a in dict.fromkeys([*near, GOAL]) if far[a] > SAME[1]]
+
+    def near_goal(self, pose: Pose) -> bool:
+        """Whether a pose counts as the goal."""
+        apart = float(np.linalg.norm(pose[1] - self.goal[1]))
+        return apart <= THERE[0] and float(angle_of(pose[0] @ self.goal[0].T)) <= THERE[1]
+
+    def _joined(self, node: int, arc: Arc) -> int | None:
+        """The node at the end of an arc from `node`, which is made if there is none; None where another one has its cell."""
+        end = arc.goal
+        if self.near_goal(end):
+            other = GOAL
+        else:
+            held = self.touched(end)
+            cell = self._cell(end, held)
+            if cell not in self._cells:
+                self._cells[cell] = len(self.poses)
+                self.poses.append(end)
+                self.held.append(held)
+            other = self._cells[cell]
+            there = self.poses[other]
+            if np.linalg.norm(there[1] - end[1]) > SAME[0] or float(angle_of(there[0] @ end[0].T)) > SAME[1]:
+                arc, body = self.went(straight(self.poses[node], there, arc.kind), self.held[node])
+                if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]):
+                    return None
+                if not self.free.allow(arc):
+                    return None
+        if other != node:
+            kept = self.arcs.get((node, other))
+            if kept is None or arc.length(self.hand.radius) < kept.length(self.hand.radius) - 1e-9:
+                self.arcs[node, other] = arc
+        return other
+
+    def _note(self, body: int, pose: Pose) -> None:
+        """Remember an obstacle that stopped a move."""
+        if body < 0:
+            return
+        far = distance(pose, self.goal, self.hand.radius)
+        known = self.blocked.setdefault(body, Blocked(body, far, pose))
+        known.count += 1
+        if far < known.far:
+            known.far, known.pose = far, pose

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from regrasp.errors import InputError
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.along import apart, interval_at, pose_at, pose_of
+from regrasp.planner.arcs import straight
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
-from regrasp.planner.method import Settings, end_pose, router_of, task_of, way_path
+from regrasp.planner.legs import pieces_of
+from regrasp.planner.method import end_pose
 from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Path, Pose, distance
-from regrasp.planner.poses import FREE
+from regrasp.planner.path import Path, Pose
+from regrasp.planner.poses import GOAL, START
 from regrasp.planner.resume import Codes, coming, resampled, with_touching
+from regrasp.planner.task import Settings, router_of, task_of
 from regrasp.planner.terms import Energy
 from regrasp.scene.world import from_plan
 from regrasp.settings import demand, read
@@ -116,7 +119,7 @@ class Replanner:
         planner = replace(planner, local=local)
         self._seed = seed
         self._task = task_of(from_plan(plan.scene, plan.xml, plan.assets), planner)
-        self._goal = self._task.router.grid.goal_pose
+        self._goal = self._task.router.goal_pose
         self._later: list[Leg] = []
         self._begin_search()
         self._rng = np.random.default_rng(seed)
@@ -231,8 +234,7 @@ class Replanner:
             skipped = way % ways
             if skipped < len(legs):
                 end = legs[skipped].end
-                R, p = task.router.grid.between(X_WO, end, *self._support(X_WO, end))
-                if task.router.clear(R, p):
+                if task.router.way(X_WO, end) is not None:
                     V = np.concatenate([leg.V for leg in legs[: skipped + 1]])
                     return skipped, [Leg(end, V), *legs[skipped + 1 :]]
             else:
@@ -242,22 +244,14 @@ class Replanner:
                     return skipped, [Leg(pose, V) for pose, V in zip(around, parts, strict=True)]
         return 0, []
 
-    def _support(self, X_WO: Pose, end: Pose) -> tuple[int, int]:
-        """The support that carries the object at both poses, or FREE; looks at the way between them."""
-        router = self._task.router
-        support = router.grid.touched(X_WO)
-        looks = router.looks(distance(X_WO, end, self._task.hand.radius))
-        return (support if support == router.grid.touched(end) else FREE), looks
-
     def _around(self, X_WO: Pose) -> list[Pose]:
         """Subgoals of a route from the pose to the goal that is not the straight one, if there is one: searched once."""
         if self._detour is None:
             task = self._task
-            router = router_of(task.world.scene, task.hand, task.supports, X_WO, self._goal, task.settings)
-            router.failed(router.grid.start, router.grid.goal)
-            route = router.route(router.grid.start, lambda: False)
-            found = [] if isinstance(route, Failure) else [router.grid.pose(node) for node in route[1:]]
-            self._detour = [pose for pose in found if pose is not None]
+            router = router_of(task.world, task.hand, task.supports, X_WO, self._goal, task.settings)
+            router.penalties.penalise(START, GOAL, task.settings.route.penalty)
+            route = router.route(START, lambda: False, lambda _: None)
+            self._detour = [] if isinstance(route, Failure) else [leg.arc.goal for leg in route]
         return self._detour
 
     def _arc(self, X_WO: Pose, legs: list[Leg], grasp: Grasp) -> tuple[Path, Codes, list[Leg]]:
@@ -268,7 +262,7 @@ class Replanner:
             V = np.zeros((1, len(touching)), np.int8)
         V = with_touching(V, touching)
         least = self.settings.intervals if np.any(V == RELOCATE) else 4
-        pieces = way_path(self._task, X_WO, legs[0].end, self._support(X_WO, legs[0].end)[0], least)
+        pieces = pieces_of(self._task, straight(X_WO, legs[0].end), least)
         V, n = resampled(V, sum(len(path.R_WO) for path in pieces)), len(pieces[0].R_WO)
         rest = [Leg(legs[0].end, V[n:])] if len(pieces) > 1 else []
         return pieces[0], V[:n], rest + legs[1:]

@@ -1,174 +1,238 @@
 """The global planner (paper §3): A* over the object's quantised configuration space among static obstacles.
 
 Its nodes are subgoals, its arcs nominal paths. It also decides where static surfaces carry the object: an arc's cost weighs
-its length against the least force that holds the object there with the supports it touches.
+its length against the least force that holds the object along it with the supports it touches. What the local planner could
+not do is remembered, arc by arc, at what cost.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.basis import program
-from regrasp.kernels.forces import EDGES, friction_edges
-from regrasp.kernels.sampling import sample
-from regrasp.kernels.simplex import OPTIMAL, solve
-from regrasp.kernels.surfaces import tangents
-from regrasp.planner.collision import closer, object_hits, place
+from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
-from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Pose
-from regrasp.planner.poses import FREE, Node, PoseGrid
-from regrasp.planner.supports import TOUCH, Support, touching
+from regrasp.planner.holding import arc_force, touchable
+from regrasp.planner.outcome import Failure, Progress, Report
+from regrasp.planner.path import Pose, distance
+from regrasp.planner.poses import GOAL, START, PoseGraph, Resolution
+from regrasp.planner.reserve import Margins
+from regrasp.planner.supports import TOUCH, Support
+from regrasp.planner.surroundings import gaps_at, surroundings_of
 from regrasp.search import astar
 
 Array = NDArray[np.float64]
-NEAR_INFINITE = 1e6
+FINER = 0.5
+"""Of every step, on the finer level that is searched where the first finds no way."""
 
 
 @dataclass(frozen=True)
 class GlobalPlanner:
     """Settings of the global planner.
 
-    step: grid step in parts of the object's radius. angle: about the step between orientations, rad. clearance: m between
-    object and obstacles. weight: how far f = g + weight · h may overestimate (the route is at most so much longer).
-    nodes: expanded before the search gives up. force: cost of one weight of holding force, in parts of an arc's length.
-    penalty: factor on the cost of an arc on which the local planner failed.
+    step: between positions in parts of the object's radius. angle: about the step between orientations, rad. clearance: m
+    between object and obstacles. weight: how far f = g + weight · h may overestimate (the route costs at most so many times
+    the least). nodes: expanded before the search gives up; poses: made before it does, each about a kilobyte. force: cost of
+    one weight of holding force, in parts of an arc's length. penalty: factor on the cost of an arc on which the local planner
+    failed. levels: resolutions tried, each finer than the one before.
     """
 
     step: float = 0.6
     angle: float = 0.6
     clearance: float = 0.002
-    weight: float = 1.0
+    weight: float = 1.5
     nodes: int = 4000
+    poses: int = 100_000
     force: float = 0.2
     penalty: float = 3.0
+    levels: int = 2
+
+    def __post_init__(self) -> None:
+        if not self.weight >= 1.0:
+            raise ValueError(f"weight is {self.weight}, legal: 1 or more")
+        if self.levels < 1:
+            raise ValueError(f"levels is {self.levels}, legal: 1 or more")
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One arc of a route and the nodes of the graph that it passes, its ends included."""
+
+    arc: Arc
+    nodes: tuple[int, ...]
 
 
 class Router:
-    """A* on a PoseGrid with the obstacles and supports of a hand; keeps what failed arcs taught it."""
+    """A* on a PoseGraph with the obstacles and supports of a hand; keeps what failed arcs taught it."""
 
-    def __init__(self, hand: Hand, grid: PoseGrid, supports: tuple[Support, ...], up_W: Array, settings: GlobalPlanner):
-        self.hand, self.grid, self.supports, self.up_W, self.settings = hand, grid, supports, up_W, settings
-        self.penalties: astar.Penalties[Node] = astar.Penalties()
-        self._free: dict[tuple[Node, Node], bool] = {}
-        self._force: dict[Node, float] = {}
-        static = slice(hand.geom_start[-1], hand.object_geom)
-        count = hand.object_geom + 1 - hand.geom_start[-1]
-        self._R_WB, self._p_WB = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        self._R_WB[:-1], self._p_WB[:-1] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
-        self._grasp_points = sample(hand.kind_O, hand.size_O, 24)
+    def __init__(
+        self, hand: Hand, freedoms: tuple[str, ...], supports: tuple[Support, ...], start: Pose, goal: Pose,
+        gravity: Array, margins: Margins, tip_clearance: float, settings: GlobalPlanner, names: dict[int, str],
+    ) -> None:  # fmt: skip
+        self.hand, self.supports, self.settings, self.names = hand, supports, settings, names
+        self.around = surroundings_of(hand, supports)
+        self.gravity, self.margins = gravity, margins
+        self.points = touchable(hand, tip_clearance)
+        self.level, self._freedoms = 0, freedoms
+        self.start_pose, self.goal_pose = start, goal
+        self._reset(start)
+
+    def _reset(self, start: Pose) -> None:
+        s, fine = self.settings, FINER**self.level
+        resolution = Resolution(s.step * self.hand.radius * fine, s.angle * fine, s.clearance)
+        self.graph = PoseGraph(
+            self.hand, self.around, self.supports, self._freedoms, start, self.goal_pose, resolution
+        )
+        self.penalties: astar.Penalties[int] = astar.Penalties()
+        self._cost: dict[tuple[int, int], float] = {}
+        self.weak: list[tuple[float, Arc]] = []
 
     def blocked(self, pose: Pose, clearance: float) -> str:
-        """What the object would hit at a pose: '' if nothing, else the kind of body."""
-        hand, R_B, p_B = self.hand, self._R_WB, self._p_WB
-        place(hand, hand.object_geom, hand.object_geom + 1, pose[0][None], pose[1][None], R_B[-1:], p_B[-1:])
-        if object_hits(hand, R_B, p_B, clearance):
-            return "an obstacle"
-        first = hand.geom_start[-1]
-        for support in self.supports:
-            row = support.geom - first
-            if closer(hand, hand.object_geom, R_B[-1], p_B[-1], support.geom, R_B[row], p_B[row], -TOUCH):
-                return f"the support {support.name}"
+        """What the object would hit at a pose, '' if nothing."""
+        gaps = np.empty(len(self.around.kind))
+        gaps_at(self.around, *pose, clearance, gaps)
+        for b, gap in enumerate(gaps):
+            if gap < (-TOUCH if self.around.carries[b] else clearance):
+                return self.name(b)
         return ""
+
+    def name(self, b: int) -> str:
+        """What a body of the surroundings is called."""
+        return self.names.get(int(self.around.geom[b]), "a body without a name")
 
     def in_reach(self, pose: Pose) -> bool:
         """Whether some agent could touch the object at a pose at all."""
         far = np.linalg.norm(self.hand.chains.p_WB - pose[1], axis=1)
         return bool(np.any(far <= self.hand.reach + self.hand.radius))
 
-    def free(self, a: Node, b: Node) -> bool:
-        """Whether the object gets from a to b clear of everything and within reach."""
-        key = (a, b) if a < b else (b, a)
-        if key not in self._free:
-            count = self.looks(self.grid.length(*key, self.hand.radius))
-            self._free[key] = self.clear(*self.grid.arc(*key, count))
-        return self._free[key]
+    def restarted(self) -> int:
+        """The node to begin again from: the start."""
+        if self.graph.start is not self.start_pose:
+            self._reset(self.start_pose)
+        return START
 
-    def looks(self, length: float) -> int:
-        """Steps in which a way of this length (`path.distance`) is looked at."""
-        return max(1, math.ceil(length / (0.08 * self.hand.radius)))
+    def neighbours(self, node: int) -> list[int]:
+        """Where an arc may lead from a node (`PoseGraph.neighbours`)."""
+        return [other for other in self.graph.neighbours(node) if self.in_reach(self.graph.poses[other])]
 
-    def clear(self, R: Array, p: Array) -> bool:
-        """Whether the object is clear of everything and within reach at all poses, R (n, 3, 3), p (n, 3)."""
-        clearance = self.settings.clearance
-        return all(self.in_reach(pose) and not self.blocked(pose, clearance) for pose in zip(R, p, strict=True))
+    def bound(self, a: int, b: int) -> float:
+        """The arc's length."""
+        return self.graph.arcs[a, b].length(self.hand.radius)
 
-    def least_force(self, node: Node) -> float:
-        """Σ of normal forces, in weights, that hold the object at a node if fingers could touch it anywhere."""
-        if node not in self._force:
-            self._force[node] = self._hold(node)
-        return self._force[node]
+    def cost(self, a: int, b: int) -> float:
+        """Cost of an arc: its length times 1 + force · (least holding force); inf where no fingers hold the object."""
+        if (a, b) not in self._cost:
+            arc = self.graph.arcs[a, b]
+            self._cost[a, b] = self.cost_of(arc)
+            if self._cost[a, b] == math.inf:
+                self.weak.append((distance(arc.goal, self.goal_pose, self.hand.radius), arc))
+        return self._cost[a, b]
 
-    def _hold(self, node: Node) -> float:
-        pose = self.grid.pose(node)
-        assert pose is not None
-        hand = self.hand
-        rests = [] if node.support == FREE else touching(self.supports[node.support], hand.kind_O, hand.size_O, *pose)
-        points = [(p, -n, float(np.min(hand.mu)), 1.0) for p, n in zip(*self._grasp_points, strict=True)]
-        points += [(p, pose[0].T @ n, self.supports[node.support].mu, 0.0) for p, n in rests]
-        lp = program(EDGES * len(points), 1)
-        x, y = np.empty(3), np.empty(3)
-        for c, (p, n, mu, cost) in enumerate(points):
-            tangents(n, x, y)
-            friction_edges(p - hand.p_OM_O, n, x, y, mu, hand.radius, lp.A, EDGES * c)
-            lp.cost[EDGES * c : EDGES * (c + 1)] = cost
-        lp.group[:] = -1
-        lp.b[:3], lp.b[3:] = pose[0].T @ self.up_W, 0.0
-        status, value, _ = solve(lp, EDGES * len(points), False)
-        return value if status == OPTIMAL else NEAR_INFINITE
+    def cost_of(self, arc: Arc) -> float:
+        """The same of any arc."""
+        force = arc_force(self.hand, self.supports, arc, self.points, self.margins, self.gravity)
+        return arc.length(self.hand.radius) * (1.0 + self.settings.force * force)
 
-    def cost(self, a: Node, b: Node) -> float:
-        """Cost of an arc: its length times 1 + force · (least holding force); inf where it is not free."""
-        if not self.free(a, b):
-            return math.inf
-        length = self.grid.length(a, b, self.hand.radius)
-        if not self.supports:
-            return length  # the least force is the same everywhere
-        return length * (1.0 + self.settings.force * 0.5 * (self.least_force(a) + self.least_force(b)))
-
-    def neighbours(self, node: Node) -> list[Node]:
-        """Where an arc may lead from a node (`PoseGrid.neighbours`)."""
-        return self.grid.neighbours(node)
-
-    def heuristic(self, node: Node) -> float:
+    def heuristic(self, node: int) -> float:
         """Length of the straight way to the goal: never more than the cost, as the length is a metric."""
-        return self.grid.length(node, self.grid.goal, self.hand.radius)
+        return distance(self.graph.poses[node], self.goal_pose, self.hand.radius)
 
-    def route(self, start: Node, stop: Callable[[], bool]) -> list[Node] | Failure:
-        """Subgoals from a node to the goal, as few as keep the route free and no dearer, or why there are none.
+    def route(self, start: int, stop: Callable[[], bool], report: Report) -> list[Leg] | Failure:
+        """Legs from a node to the goal, as few as are no dearer, or why there are none.
 
-        Once `stop` says so, the search is given up.
+        Where there is no way at the first resolution, the next finer one is searched from the pose of the node. Once `stop`
+        says so, the search is given up.
         """
         s = self.settings
-        result = astar.find(self, start, self.grid.goal, self.penalties, s.weight, s.nodes, stop)
-        if isinstance(result, astar.Failure):
-            return Failure(
-                "route", "global planner", "object", f"no way to the goal among the obstacles ({result.reason})",
-                "a finer planner.route.step, more planner.route.nodes, or a goal that can be reached",
-            )  # fmt: skip
-        return self._straightened(list(result.nodes))
-
-    def _straightened(self, path: list[Node]) -> list[Node]:
-        """Leave out subgoals between which the object may as well go straight."""
-        out = [path[0]]
-        while out[-1] != path[-1]:
-            here = path.index(out[-1])
-            step = here + 1
-            for far in range(len(path) - 1, here + 1, -1):
-                along = sum(self.raised(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
-                if self.raised(path[here], path[far]) <= along * (1.0 + 1e-9):
-                    step = far
+        while True:
+            search = astar.init(self, start, GOAL, self.penalties, s.weight, s.nodes)
+            while isinstance(outcome := astar.step(search), astar.Progress):
+                if outcome.expanded % 20 == 0:
+                    report(Progress("route", outcome.expanded, s.nodes, self.heuristic(outcome.node), outcome.bound))
+                if stop() or len(self.graph.poses) > s.poses:
                     break
-            out.append(path[step])
+            if isinstance(outcome, astar.Path):
+                return self._straightened(list(outcome.nodes))
+            ended = isinstance(outcome, astar.Failure) and outcome.reason == astar.Reason.EXHAUSTED
+            if not ended or self.level + 1 == s.levels:
+                return self._no_way(ended)
+            self.level += 1
+            self._reset(self.graph.poses[start])
+            start = START
+
+    def _no_way(self, ended: bool) -> Failure:
+        """Why there is no route: a passage too narrow, forces too weak, or a search that was not done."""
+        where = "global planner"
+        if not ended:
+            return Failure(
+                "route", where, "object", f"the search ended after {len(self.graph.poses)} poses without a way to the goal",
+                "more planner.route.nodes or .poses, a larger planner.route.weight, or more time",
+            )  # fmt: skip
+        step = self.graph.resolution.step
+        bodies = sorted(self.graph.blocked.values(), key=lambda b: b.far)
+        weak = min(self.weak, key=lambda w: w[0], default=None)
+        if weak is not None and (not bodies or weak[0] <= bodies[0].far + step):
+            carried = ", ".join(self.name(b) for b in weak[1].on)
+            how = f"{weak[1].kind} on {carried}" if carried else f"{weak[1].kind} through the air"
+            at = np.round(weak[1].start[1], 3).tolist()
+            return Failure(
+                "equilibrium", where, "object",
+                f"no forces of the agents within their limits move it on towards the goal: not by a {how} from {at}",
+                "a larger max_force, more friction, another agent or support",
+            )  # fmt: skip
+        if bodies:
+            near = [body for body in bodies[:2] if body.far <= bodies[0].far + 2.0 * step]
+            named = " and ".join(sorted(self.name(body.body) for body in near))
+            at = np.round(bodies[0].pose[1], 3).tolist()
+            return Failure(
+                "route", where, "object", f"no way to the goal at a resolution of {1e3 * step:.0f} mm: the passage "
+                f"{'between' if len(near) > 1 else 'beside'} {named} near {at} is too narrow",
+                "more room there, a smaller planner.route.step or .clearance, or a goal that can be reached",
+            )  # fmt: skip
+        return Failure(
+            "route", where, "object", "no way to the goal within the freedoms and the agents' reach",
+            "more freedoms, agents nearer to the way, or a goal that can be reached",
+        )  # fmt: skip
+
+    def _straightened(self, path: list[int]) -> list[Leg]:
+        """The path's legs; subgoals are left out between which the object may as well go straight."""
+        out: list[Leg] = []
+        here = 0
+        while here < len(path) - 1:
+            step, best = here + 1, self.graph.arcs[path[here], path[here + 1]]
+            for far in range(len(path) - 1, here + 1, -1):
+                arc = self.shortcut(path[here], path[far])
+                if arc is None:
+                    continue
+                along = sum(self.raised(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
+                if self.penalties.apply(path[here], path[far], self.cost_of(arc)) <= along * (1.0 + 1e-9):
+                    step, best = far, arc
+                    break
+            out.append(Leg(best, tuple(path[here : step + 1])))
+            here = step
         return out
 
-    def raised(self, a: Node, b: Node) -> float:
+    def shortcut(self, a: int, b: int) -> Arc | None:
+        """The straight arc between two nodes (`way`), if the freedoms allow it."""
+        arc = self.way(self.graph.poses[a], self.graph.poses[b])
+        return arc if arc is not None and self.graph.free.allow(arc) else None
+
+    def way(self, start: Pose, goal: Pose) -> Arc | None:
+        """The straight arc between two poses, if the object can go it and stays on what it touches at both."""
+        held = self.graph.touched(start)
+        arc, body = self.graph.went(straight(start, goal), held)
+        if body >= 0 or set(arc.on) != set(held) & set(self.graph.touched(goal)):
+            return None
+        return replace(arc, kind="slide" if arc.on else "straight")
+
+    def raised(self, a: int, b: int) -> float:
         """Cost of an arc with what failures have added to it."""
         return self.penalties.apply(a, b, self.cost(a, b))
 
-    def failed(self, a: Node, b: Node) -> None:
-        """The local planner failed between a and b: raise that arc's cost, so that other routes are tried first."""
-        self.penalties.penalise(a, b, self.settings.penalty)
+    def failed(self, leg: Leg) -> None:
+        """The local planner failed on a leg: raise the cost of all it is made of, so that other routes are tried first."""
+        pairs = set(zip(leg.nodes[:-1], leg.nodes[1:], strict=True)) | {(leg.nodes[0], leg.nodes[-1])}
+        for a, b in sorted(pairs):
+            self.penalties.penalise(a, b, self.settings.penalty)

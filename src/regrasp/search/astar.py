@@ -1,5 +1,8 @@
 """A* (Hart, Nilsson & Raphael 1968) on any graph, with arcs that can turn out dearer than they looked.
 
+What an arc costs may take long to find out. It is asked for when the arc's end is the best open node by a lower bound of the
+cost, so that arcs which no good path takes are never asked for (lazy weighted A*: Cohen, Phillips & Likhachev 2014).
+
 A plan's arc may fail after the path was found. `Penalties` remembers that between searches: the arc's cost is raised
 and the search runs again from wherever the plan has got to.
 """
@@ -20,8 +23,11 @@ class Graph(Protocol[Node]):
     def neighbours(self, node: Node) -> Iterable[Node]:
         """Nodes at the other ends of the arcs out of `node`."""
 
+    def bound(self, a: Node, b: Node) -> float:
+        """Lower bound ≥ 0 of the cost of the arc from a to b, soon known."""
+
     def cost(self, a: Node, b: Node) -> float:
-        """Cost ≥ 0 of the arc from a to b, inf if it is barred; asked only when the search gets to a."""
+        """Cost ≥ 0 of the arc from a to b, inf if it is barred; asked only when the search gets to it."""
 
     def heuristic(self, node: Node) -> float:
         """Lower bound ≥ 0 of the cost from `node` to the goal."""
@@ -86,7 +92,11 @@ class Progress(Generic[Node]):
 
 @dataclass
 class Search(Generic[Node]):
-    """A search under way; `init` makes it and `step` moves it on."""
+    """A search under way; `init` makes it and `step` moves it on.
+
+    queue: open nodes by estimated cost of the whole path, heuristic and number of the entry; with the cost to get there and,
+    where that is a bound only, the node before.
+    """
 
     graph: Graph[Node]
     goal: Node
@@ -96,7 +106,7 @@ class Search(Generic[Node]):
     cost: dict[Node, float]
     parent: dict[Node, Node]
     estimate: dict[Node, float]
-    queue: list[tuple[float, float, int, float, Node]]
+    queue: list[tuple[float, float, int, float, Node, Node | None]]
     nearest: Node
     entries: int = 0
     expanded: int = 0
@@ -124,7 +134,7 @@ def init(
         cost={start: 0.0},
         parent={},
         estimate={start: estimate},
-        queue=[(weight * estimate, estimate, 0, 0.0, start)],
+        queue=[(weight * estimate, estimate, 0, 0.0, start, None)],
         nearest=start,
     )
 
@@ -136,34 +146,53 @@ def step(search: Search[Node]) -> Progress[Node] | Path[Node] | Failure[Node]:
     more cheaply after its expansion is opened again: the heuristic need not be consistent, only a lower bound.
     """
     queue, best = search.queue, search.cost
-    while queue and queue[0][3] > best[queue[0][4]]:
+    while queue:
+        total, estimate, _, reached, node, before = queue[0]
+        if before is None and reached <= best[node]:
+            break
         heapq.heappop(queue)
+        if before is not None and reached < best.get(node, math.inf):
+            _settle(search, before, node)
     if not queue:
         return Failure(Reason.EXHAUSTED, search.nearest, search.expanded)
-    if queue[0][4] == search.goal:
+    if node == search.goal:
         return Path(_trace(search), best[search.goal], search.expanded)
     if search.expanded >= search.budget:
         return Failure(Reason.BUDGET, search.nearest, search.expanded)
-    total, estimate, _, reached, node = heapq.heappop(queue)
+    heapq.heappop(queue)
     search.expanded += 1
     search.bound = max(search.bound, total / search.weight)
     if estimate < search.estimate[search.nearest]:
         search.nearest = node
     for other in search.graph.neighbours(node):
-        arc = search.penalties.apply(node, other, search.graph.cost(node, other))
+        arc = search.penalties.apply(node, other, search.graph.bound(node, other))
         if not arc >= 0.0:
-            raise ValueError(f"cost of the arc {node} to {other} is {arc}, legal: ≥ 0 or inf")
-        cost = reached + arc
-        if cost < best.get(other, math.inf):
-            best[other] = cost
-            search.parent[other] = node
-            if other not in search.estimate:
-                search.estimate[other] = search.graph.heuristic(other)
-            h = search.estimate[other]
-            if h < math.inf:
-                search.entries += 1
-                heapq.heappush(queue, (cost + search.weight * h, h, search.entries, cost, other))
+            raise ValueError(f"bound of the arc {node} to {other} is {arc}, legal: ≥ 0 or inf")
+        if reached + arc < best.get(other, math.inf):
+            _push(search, reached + arc, other, node)
     return Progress(node, search.expanded, len(queue), search.bound)
+
+
+def _settle(search: Search[Node], a: Node, b: Node) -> None:
+    """Open b by the arc from a at its true cost, if that is less than b has cost so far."""
+    arc = search.penalties.apply(a, b, search.graph.cost(a, b))
+    if not arc >= 0.0:
+        raise ValueError(f"cost of the arc {a} to {b} is {arc}, legal: ≥ 0 or inf")
+    cost = search.cost[a] + arc
+    if cost < search.cost.get(b, math.inf):
+        search.cost[b] = cost
+        search.parent[b] = a
+        _push(search, cost, b, None)
+
+
+def _push(search: Search[Node], cost: float, node: Node, before: Node | None) -> None:
+    """An entry of the queue, unless no path leads on from the node."""
+    if node not in search.estimate:
+        search.estimate[node] = search.graph.heuristic(node)
+    h = search.estimate[node]
+    if h < math.inf and cost < math.inf:
+        search.entries += 1
+        heapq.heappush(search.queue, (cost + search.weight * h, h, search.entries, cost, node, before))
 
 
 def _trace(search: Search[Node]) -> tuple[Node, ...]:

@@ -1,0 +1,68 @@
+"""Arcs of the route (paper §3: nominal paths between subgoals): turns about a point that moves."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.planner.path import Pose
+from regrasp.planner.turns import from_rotvec, rotvec
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A path of the object: R(u) = exp(u w) R_0, p(u) = c + u d + exp(u w) (p_0 − c) for u from 0 to 1.
+
+    w: rad, W. c: point of W about which the object turns, m; d: its way meanwhile. With c = p_0 the object goes straight
+    and turns about its own origin; with d = 0 it pivots about the line through c along w; with d across w it rolls.
+    kind: in words, for reports. on: indices of the supports that the object touches all the way.
+    """
+
+    start: Pose
+    w: Array
+    c: Array
+    d: Array
+    kind: str
+    on: tuple[int, ...] = ()
+
+    def pose(self, u: float) -> Pose:
+        """X_WO at part u."""
+        turn = from_rotvec(u * self.w)
+        return turn @ self.start[0], self.c + u * self.d + turn @ (self.start[1] - self.c)
+
+    def poses(self, u: Array) -> tuple[Array, Array]:
+        """Poses R (len(u), 3, 3), p (len(u), 3)."""
+        turn = from_rotvec(u[:, None] * self.w)
+        p = self.c + u[:, None] * self.d + turn @ (self.start[1] - self.c)
+        return turn @ self.start[0], p
+
+    @property
+    def goal(self) -> Pose:
+        """Where it ends."""
+        return self.pose(1.0)
+
+    @property
+    def angle(self) -> float:
+        """By how much the object turns, rad."""
+        return float(np.linalg.norm(self.w))
+
+    def way(self) -> float:
+        """Length of the way of the object's origin, m: at least the distance of the ends."""
+        _, p = self.poses(np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * self.angle)))
+        return float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
+
+    def length(self, radius: float) -> float:
+        """Length of the path, m: way + radius · angle, never less than `path.distance` of its ends."""
+        return self.way() + radius * self.angle
+
+    def part(self, u: float, on: tuple[int, ...]) -> "Arc":
+        """The first part of it."""
+        return Arc(self.start, u * self.w, self.c, u * self.d, self.kind, on)
+
+
+def straight(start: Pose, goal: Pose, kind: str = "straight") -> Arc:
+    """The arc on which the origin moves straight and the object turns by the shortest way."""
+    return Arc(start, rotvec(goal[0] @ start[0].T), start[1], goal[1] - start[1], kind)

@@ -1,0 +1,129 @@
+"""How little force holds the object along an arc (paper §3: an arc's cost), with fingers wherever they find room.
+
+The global planner doesn't know which agent will stand where. It asks for less: the points of the surface that some tip could
+touch, clear of all static bodies and within reach of some agent, press as they like within all agents' strength together, and
+the supports bear as the object moves over them. Where even that is no equilibrium, no grasp is; a single agent has to hold
+the object at one point.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.basis import Program, program
+from regrasp.kernels.distances import distance
+from regrasp.kernels.forces import EDGES, friction_edges
+from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import minus, triple
+from regrasp.kernels.sampling import sample
+from regrasp.kernels.simplex import OPTIMAL, solve
+from regrasp.kernels.surfaces import frame
+from regrasp.planner.arcs import Arc
+from regrasp.planner.balance import support_columns
+from regrasp.planner.hand import Hand
+from regrasp.planner.motions import whole
+from regrasp.planner.path import Path, nominal_path
+from regrasp.planner.reserve import Margins
+from regrasp.planner.supports import Support
+
+Array = NDArray[np.float64]
+
+POINTS = 60  # of the object's surface
+U = np.array([0.0, 0.01, 0.02, 0.255, 0.49, 0.5, 0.51, 0.745, 0.98, 0.99, 1.0])
+LOOKED_AT = (0, 2, 4)
+"""Intervals of two steps between U that are looked at: as the arc begins, half-way, as it ends."""
+
+
+class Touchable(Record):
+    """Where fingers could touch: points p_O, outward normals n_O (C, 3); the smallest tip's radius; what it keeps clear by."""
+
+    p_O: Array
+    n_O: Array
+    tip: float
+    clearance: float
+
+
+def touchable(hand: Hand, clearance: float) -> Touchable:
+    """A near-uniform sampling of the object's surface."""
+    p_O, n_O = sample(hand.kind_O, hand.size_O, POINTS)
+    return Touchable(p_O, n_O, float(np.min(hand.size_T[:, 0])), clearance)
+
+
+@njit(cache=True, nogil=True)
+def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
+    """Whether a tip at point c of the object at pose (R, p) is clear of all static bodies and within some agent's reach."""
+    x, core, eye = np.empty(3), np.zeros(3), np.eye(3)
+    for a in range(3):
+        x[a] = p[a]
+        for b in range(3):
+            x[a] += R[a, b] * (points.p_O[c, b] + points.tip * points.n_O[c, b])
+    near = False
+    for i in range(len(hand.tip_geom)):
+        far = 0.0
+        for a in range(3):
+            far += (x[a] - hand.chains.p_WB[i, a]) ** 2
+        near = near or far <= hand.reach[i] ** 2
+    if not near:
+        return False
+    geoms = hand.geoms
+    for g in range(hand.geom_start[len(hand.tip_geom)], hand.object_geom):
+        gap = distance(
+            whole(0), core, points.tip, eye, x,
+            geoms.kind[g], geoms.core[g], geoms.radius[g], geoms.R_LG[g], geoms.p_LG[g], points.clearance,
+        )  # fmt: skip
+        if gap < points.clearance:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def least_force(
+    hand: Hand, path: Path, j: int, points: Touchable, margins: Margins, strength: float, lp: Program
+) -> float:
+    """Σ of the agents' normal forces, in weights, at the start of interval j of a path; inf without equilibrium."""
+    R, p = path.R_WO[j, 0], path.p_WO[j, 0]
+    start = whole(0)
+    lp.b[:3], lp.b[3:] = path.up_O[j, 0], 0.0
+    first = support_columns(hand, path, j, start, margins, lp, start)
+    mu = (1.0 - margins.friction) * np.min(hand.mu)
+    alone = len(hand.tip_geom) == 1
+    lp.cap[0] = strength
+    status, value, _ = solve(lp, first, False)
+    if status == OPTIMAL:
+        return 0.0
+    best, at = np.inf, first
+    for c in range(len(points.p_O)):
+        if not has_room(hand, points, c, R, p):
+            continue
+        n = points.n_O[c]
+        n_in = (-n[0], -n[1], -n[2])
+        x, y = frame(triple(n))
+        friction_edges(minus(points.p_O[c], hand.p_OM_O), n_in, x, y, mu, hand.radius, lp.A, at)
+        for e in range(at, at + EDGES):
+            lp.cost[e], lp.group[e] = 1.0, 0
+        if alone:
+            status, value, _ = solve(lp, at + EDGES, False)
+            if status == OPTIMAL and value < best:
+                best = value
+        else:
+            at += EDGES
+    if not alone and at > first:
+        status, value, _ = solve(lp, at, False)
+        if status == OPTIMAL:
+            best = value
+    return best
+
+
+def arc_force(
+    hand: Hand, supports: tuple[Support, ...], arc: Arc, points: Touchable, margins: Margins, gravity: Array
+) -> float:
+    """The mean of `least_force` as the arc begins, half-way and as it ends, in weights; inf where one of them is."""
+    R, p = arc.poses(U)
+    path = nominal_path(R, p, len(U) // 2, 2, gravity, hand, supports)
+    lp = program(EDGES * (len(points.p_O) + path.support_mode.shape[1]), 1)
+    strength, total = float(np.sum(hand.cap)), 0.0
+    for j in LOOKED_AT:
+        total += least_force(hand, path, j, points, margins, strength, lp)
+        if total == np.inf:
+            break
+    return total / len(LOOKED_AT)

@@ -1,0 +1,214 @@
+"""One leg of the route (Fig. 1): who holds the object along it, and with which contact motions.
+
+The simplest first: fingers that can keep their contacts keep them. Where they can't and the object rests on supports, all may
+take hold anew. Only what is left is searched by annealing (paper §4).
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from regrasp.kernels.basis import program
+from regrasp.kernels.forces import EDGES
+from regrasp.planner.arcs import Arc
+from regrasp.planner.assemble import Segment
+from regrasp.planner.balance import balance
+from regrasp.planner.chain import ContactMotions
+from regrasp.planner.clock import Clock
+from regrasp.planner.configurations import Grasp
+from regrasp.planner.grasp import OUT, Stance, find_grasp
+from regrasp.planner.local import failure_of, plan_arc, terms_of
+from regrasp.planner.motion import detail
+from regrasp.planner.motions import OFF, ONTO, STAY
+from regrasp.planner.outcome import Failure, Report
+from regrasp.planner.path import Path, Pose, nominal_path
+from regrasp.planner.scan import new_scan
+from regrasp.planner.task import Task
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int16]
+
+ORDERS = 6  # in which the agents take hold anew that are tried
+STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Segments of a leg up to the first that fails, the grasp at their end, how it was planned."""
+
+    segments: list[Segment]
+    grasp: Grasp
+    how: str
+    failure: Failure | None
+
+
+def intervals(task: Task, arc: Arc, least: int = 4) -> int:
+    """Into how many intervals an arc is divided."""
+    s, radius = task.settings, task.hand.radius
+    return max(least, math.ceil(arc.angle / s.turn - 1e-9), math.ceil(arc.way() / (s.travel * radius) - 1e-9))
+
+
+def path_of(task: Task, arcs: list[Arc]) -> Path:
+    """The nominal path along consecutive arcs."""
+    counts = [intervals(task, arc) for arc in arcs]
+    m = task.settings.samples
+    R, p = [arcs[0].start[0][None]], [arcs[0].start[1][None]]
+    for arc, n in zip(arcs, counts, strict=True):
+        turns, places = arc.poses(np.arange(1, n * m + 1) / (n * m))
+        R.append(turns)
+        p.append(places)
+    return _nominal(task, np.concatenate(R), np.concatenate(p), sum(counts))
+
+
+def pieces_of(task: Task, arc: Arc, least: int = 4) -> list[Path]:
+    """The nominal path along an arc in pieces of at most `Settings.intervals` intervals, `least` or more in all."""
+    n, m = intervals(task, arc, least), task.settings.samples
+    pieces = math.ceil(n / task.settings.intervals)
+    each = math.ceil(n / pieces)
+    R, p = arc.poses(np.linspace(0.0, 1.0, pieces * each * m + 1))
+    parts = [slice(c * each * m, (c + 1) * each * m + 1) for c in range(pieces)]
+    return [_nominal(task, R[part], p[part], each) for part in parts]
+
+
+def rest_at(task: Task, pose: Pose, n: int) -> Path:
+    """n intervals in which the object does not move."""
+    count = n * task.settings.samples + 1
+    return _nominal(task, np.repeat(pose[0][None], count, axis=0), np.repeat(pose[1][None], count, axis=0), n)
+
+
+def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
+    return nominal_path(
+        R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports
+    )
+
+
+def rests(task: Task, pose: Pose) -> bool:
+    """Whether the supports alone hold the object at rest."""
+    hand, path = task.hand, rest_at(task, pose, 1)
+    k, zero = len(task.names), np.zeros((len(task.names), 3))
+    lp = program(EDGES * (k + path.support_mode.shape[1]), k)
+    held, _, _ = balance(
+        hand, path, 0, 0, np.zeros(k, np.uint8), np.zeros(k, np.int16), zero, zero, zero,
+        task.settings.local.energy.margins, False, lp,
+    )  # fmt: skip
+    return bool(held)
+
+
+def stance_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> Stance | Failure:
+    """A grasp at the start of a path with which the agents can stay in contact along it, if there is one."""
+    scan = new_scan(task.hand, path, task.settings.local.relocation)
+    return find_grasp(
+        task.hand, path, scan, terms_of(task.hand, task.settings.local), off, task.names, task.settings.grasp, rng
+    )
+
+
+def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[Segment, Grasp] | Failure:
+    """The segment that V makes of the path, if it breaks no constraint."""
+    local = task.settings.local
+    terms, scan = terms_of(task.hand, local), new_scan(task.hand, path, local.relocation)
+    problem = ContactMotions(task.hand, path, scan, terms, grasp, V)
+    motion = detail(task.hand, path, terms, problem.found, problem.current, problem.work, task.names)
+    if motion.violations:
+        return failure_of(motion, stage, len(V))
+    return Segment(motion, np.array([problem.energy()])), problem.grasp(len(V))
+
+
+def stay(task: Task, path: Path, grasp: Grasp, stage: str) -> tuple[Segment, Grasp] | Failure:
+    """All agents keep what they do: those that hold their contacts, the others off."""
+    V = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (len(path.R_WO), 1))
+    return moved(task, path, grasp, V, stage)
+
+
+def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) -> tuple[Segment, Grasp] | Failure:
+    """The change of grasp at a subgoal: while the object rests on its supports, every agent may go where it is wanted.
+
+    One after another, straight onto its new contact or after all have let go, in the first order that is free of collisions.
+    """
+    k, there = len(task.names), stance.candidates
+    held = [i for i in range(k) if grasp.holds[i]]
+    wanted = [i for i in range(k) if there[i] != OUT]
+    here = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16)
+    last: Failure | None = None
+    for order in itertools.islice(itertools.permutations(range(k)), ORDERS):
+        off = [(i, OFF) for i in order if i in held]
+        onto = [(i, ONTO + there[i]) for i in order if i in wanted]
+        leave = [(i, OFF) for i in order if i in held and i not in wanted]
+        for steps in (leave + onto, off + onto):
+            V, now = np.empty((len(steps), k), np.int16), here.copy()
+            for j, (i, code) in enumerate(steps):
+                V[j] = now
+                V[j, i] = code
+                now[i] = OFF if code == OFF else STAY
+            made = moved(task, rest_at(task, pose, len(steps)), grasp, V, stage)
+            if not isinstance(made, Failure):
+                return made
+            last = made
+    assert last is not None
+    return last
+
+
+def plan_leg(
+    task: Task, arcs: list[Arc], grasp: Grasp | None, first: int, rng: np.random.Generator, report: Report, clock: Clock
+) -> Planned | Failure:  # fmt: skip
+    """Segments of the first of the arcs, from the grasp at hand; None where the object has not been touched yet.
+
+    The coming arcs are looked at when agents take hold, so that they need not again soon.
+    """
+    stage = f"segment {first + 1}"
+    whole = path_of(task, arcs[:1])
+    off = tuple(task.names.index(name) for name in task.world.scene.start.off) if first == 0 else ()
+    failure: Failure | None = None
+    if grasp is not None:
+        made = stay(task, whole, grasp, stage)
+        if not isinstance(made, Failure):
+            return Planned([made[0]], made[1], STAYED, None)
+        failure = made
+    taken: list[tuple[list[Segment], Grasp]] = []
+    if grasp is None or rests(task, arcs[0].start):
+        for count in dict.fromkeys((len(arcs), 1)):
+            stance = stance_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
+            if isinstance(stance, Failure):
+                failure = failure or stance
+                continue
+            before: list[Segment] = []
+            if grasp is None:
+                now = stance.grasp
+            else:
+                changed = take_hold(task, arcs[0].start, grasp, stance, stage)
+                if isinstance(changed, Failure):
+                    failure = changed
+                    continue
+                before, now = [changed[0]], changed[1]
+            taken.append((before, now))
+            made = stay(task, whole, now, stage)
+            if not isinstance(made, Failure):
+                return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
+            failure = made
+    ways = ([([], grasp)] if grasp is not None else []) + taken[-1:]
+    if not ways:
+        assert failure is not None
+        return failure
+    for before, now in ways:
+        found = annealed(task, arcs, before, now, first, rng, report, clock)
+        if found.failure is None or clock.up():
+            return found
+    return found
+
+
+def annealed(
+    task: Task, arcs: list[Arc], before: list[Segment], grasp: Grasp, first: int, rng: np.random.Generator,
+    report: Report, clock: Clock,
+) -> Planned:  # fmt: skip
+    """Local plans of the pieces of the first arc, each from where the one before ends."""
+    planned, pieces = list(before), pieces_of(task, arcs[0])
+    for at, path in enumerate(pieces):
+        stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
+        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
+        planned.append(Segment(result.motion, result.energy))
+        grasp = result.grasp
+        if result.failure:
+            return Planned(planned, grasp, ANNEALED, result.failure)
+    return Planned(planned, grasp, ANNEALED, None)
