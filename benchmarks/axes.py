@@ -12,7 +12,8 @@ from benchmarks.jobs import problem_of, start_of
 from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.configurations import Configurations, Grasp
-from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
+from regrasp.planner.method import opening
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
 from regrasp.planner.scan import Relocation
@@ -32,19 +33,10 @@ def paper_settings() -> Settings:
 def job_of(scene: Scene, settings: Settings) -> Job:
     """The first segment of a scene; RegraspError if it has no route or no grasp."""
     task = prepare(scene, settings)
-    path = first_path(task)
-    grasp = first_grasp(task, path, np.random.default_rng(0))
-    if isinstance(grasp, Failure):
-        raise RegraspError(f"{scene.name}: {grasp}")
-    return Job(task, path, grasp)
-
-
-def first_path(task: Task) -> Path:
-    """The nominal path of a scene's first segment."""
-    route = task.router.route(task.router.grid.start, lambda: False)
-    if isinstance(route, Failure):
-        raise RegraspError(f"{task.world.scene.name}: {route}")
-    return arc_path(task, route[0], route[1])[0]
+    begun = opening(task, np.random.default_rng(0))
+    if isinstance(begun, Failure):
+        raise RegraspError(f"{scene.name}: {begun}")
+    return Job(task, *begun)
 
 
 def paper_job() -> Job:

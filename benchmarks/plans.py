@@ -9,7 +9,8 @@ import statistics
 from typing import Any
 
 from benchmarks.measure import Row, row, seconds_of
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Outcome
 from regrasp.scene.load import builtin, load
 from regrasp.scene.schema import Scene

@@ -20,7 +20,8 @@ from regrasp.control.impedance import gains
 from regrasp.control.reference import reference, taken_over
 from regrasp.control.yielding import beyond
 from regrasp.plan import Plan
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.planner.replan import Answer, Replanner
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan

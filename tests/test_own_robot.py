@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from regrasp.plan import Plan
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.scene.load import load
 from regrasp.settings import read
 from regrasp.verify.check import check

@@ -128,7 +128,8 @@ def _plan(arguments: list[str]) -> Answer:
     with _importing():
         import tyro
 
-        from regrasp.planner.method import Settings, plan_scene
+        from regrasp.planner.method import plan_scene
+        from regrasp.planner.task import Settings
         from regrasp.scene.load import load
         from regrasp.settings import read
         from regrasp.view.progress import Reporter

@@ -4,7 +4,8 @@ import numpy as np
 
 from regrasp.planner.chain import ContactMotions, anneal
 from regrasp.planner.local import random_motions, terms_of
-from regrasp.planner.method import Settings, arc_path, first_grasp, prepare
+from regrasp.planner.method import opening
+from regrasp.planner.task import Settings, prepare
 from regrasp.planner.motions import OFF
 from regrasp.planner.scan import new_scan
 from regrasp.scene.load import load
@@ -14,9 +15,8 @@ def test_one_finger_breaks_contact_and_two_hold_on_with_the_table() -> None:
     """Some finger may retire half-way through a feasible motion, and the two others with the table still balance the ball."""
     settings = Settings()
     task = prepare(load("fig2-planar"), settings)
-    path = arc_path(task, task.router.grid.start, task.router.grid.goal)[0]
     rng = np.random.default_rng(0)
-    grasp = first_grasp(task, path, rng)
+    path, grasp = opening(task, rng)
     terms, scan = terms_of(task.hand, settings.local), new_scan(task.hand, path, settings.local.relocation)
     n, k = len(path.R_WO), len(task.names)
 

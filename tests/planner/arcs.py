@@ -15,7 +15,8 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import random_motions, terms_of
-from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
+from regrasp.planner.method import opening
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
@@ -76,12 +77,9 @@ def changed(scene: Scene, **fields: object) -> Scene:
 def made(scene: Scene, settings: Settings = SMALL) -> Arc:
     """The first arc of a scene."""
     task = prepare(scene, settings)
-    route = task.router.route(task.router.grid.start, lambda: False)
-    assert not isinstance(route, Failure), route
-    path = arc_path(task, route[0], route[1])[0]
-    grasp = first_grasp(task, path, np.random.default_rng(1))
-    assert not isinstance(grasp, Failure), grasp
-    return Arc(task, path, grasp)
+    begun = opening(task, np.random.default_rng(1))
+    assert not isinstance(begun, Failure), begun
+    return Arc(task, *begun)
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import pytest
 from arcs import Arc, made
 
 from regrasp.planner import chain
-from regrasp.planner.method import Settings as Planner
+from regrasp.planner.task import Settings as Planner
 from regrasp.planner.terms import Shortcuts
 from regrasp.scene.load import builtin, load
 from regrasp.search import annealing

@@ -7,7 +7,8 @@ import pytest
 from regrasp.planner import clock
 from regrasp.planner.chain import BLOCK
 from regrasp.planner.clock import start_clock
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.scene.load import load
 
 

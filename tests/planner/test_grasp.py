@@ -5,7 +5,8 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
-from regrasp.planner.method import arc_path, first_grasp, prepare
+from regrasp.planner.method import opening
+from regrasp.planner.task import prepare
 from regrasp.planner.outcome import Failure
 from regrasp.scene.load import load
 

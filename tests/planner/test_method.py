@@ -16,7 +16,8 @@ from regrasp.cli import main
 from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
 from regrasp.planner.local import LocalPlanner
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Failure
 from regrasp.scene.load import builtin, dump, load
 from regrasp.scene.schema import Scene

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from arcs import Oracle, changed
 
-from regrasp.planner.method import Settings, Task, plan_scene, prepare
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.poses import Node
 from regrasp.planner.route import GlobalPlanner

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from regrasp.planner.method import Settings, Task, prepare
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.path import nominal_path
 from regrasp.planner.supports import SEPARATE, SLIDE, STICK, TOUCH, touching
 from regrasp.scene.load import validate

@@ -4,7 +4,8 @@ import dataclasses
 import sys
 import time
 
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Report
 from regrasp.planner.warm import COMPILING
 from regrasp.scene.load import builtin, load

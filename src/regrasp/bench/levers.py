@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from regrasp.bench.kernels import compile_kernels, say
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.scene.load import load
 from regrasp.settings import read
 from regrasp.verify.replay import replay

@@ -16,7 +16,8 @@ from regrasp.kernels.inverse import inverse
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.along import interval_at, joints_at, pose_at
 from regrasp.planner.hand import Hand, hand_of
-from regrasp.planner.method import Settings, plan_scene
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.replan import Answer, Replanner

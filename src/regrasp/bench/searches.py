@@ -18,7 +18,8 @@ from regrasp.planner.chain import Change, Codes, ContactMotions, anneal
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.energy import make_room
 from regrasp.planner.local import random_motions, terms_of
-from regrasp.planner.method import Settings, Task, arc_path, first_grasp, prepare
+from regrasp.planner.method import opening
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE
 from regrasp.planner.outcome import Failure
@@ -92,14 +93,10 @@ def job(name: str, **changes: Any) -> Job:
     scene = load(name)
     settings = dataclasses.replace(read(Settings, scene.planner), **changes)
     task = prepare(scene, settings)
-    route = task.router.route(task.router.grid.start, lambda: False)
-    if isinstance(route, Failure):
-        raise RegraspError(f"{name}: {route}")
-    path = arc_path(task, route[0], route[1])[0]
-    grasp = first_grasp(task, path, np.random.default_rng(0))
-    if isinstance(grasp, Failure):
-        raise RegraspError(f"{name}: {grasp}")
-    return Job(task, path, grasp)
+    begun = opening(task, np.random.default_rng(0))
+    if isinstance(begun, Failure):
+        raise RegraspError(f"{name}: {begun}")
+    return Job(task, *begun)
 
 
 def search(job: Job, V: Codes, annealing: Annealing, seed: int, moves: type[ContactMotions] = ContactMotions) -> Run:

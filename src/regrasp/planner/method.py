@@ -10,9 +10,9 @@ from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import Planned, path_of, plan_leg
+from regrasp.planner.legs import Planned, path_of, pieces_of, plan_leg, stance_for
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report, Tried
-from regrasp.planner.path import Pose
+from regrasp.planner.path import Path, Pose
 from regrasp.planner.poses import GOAL, START
 from regrasp.planner.route import Leg
 from regrasp.planner.task import Settings, Task, prepare
@@ -28,6 +28,19 @@ def start_grasp(task: Task, leg: Leg) -> Grasp | Failure | None:
     if given == "auto":
         return None
     return given_grasp(task.hand, path_of(task, [leg.arc]), given, task.names)
+
+
+def opening(task: Task, rng: np.random.Generator) -> tuple[Path, Grasp] | Failure:
+    """What the local planner begins with: the first piece of the route, and a grasp at its start."""
+    route = task.router.route(START, lambda: False, lambda _: None)
+    if isinstance(route, Failure):
+        return route
+    path = pieces_of(task, route[0].arc)[0]
+    grasp = start_grasp(task, route[0])
+    if grasp is None:
+        stance = stance_for(task, path, rng, tuple(task.names.index(name) for name in task.world.scene.start.off))
+        grasp = stance if isinstance(stance, Failure) else stance.grasp
+    return grasp if isinstance(grasp, Failure) else (path, grasp)
 
 
 def check_ends(task: Task) -> Failure | None:
