@@ -22,7 +22,7 @@ from regrasp.planner.arcs import Arc
 from regrasp.planner.balance import support_columns
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
-from regrasp.planner.path import Path, nominal_path
+from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support
 
@@ -112,6 +112,17 @@ def least_force(
         if status == OPTIMAL:
             best = value
     return best
+
+
+def at_rest(hand: Hand, supports: tuple[Support, ...], pose: Pose, margins: Margins, gravity: Array) -> bool:
+    """Whether the supports alone hold the object at a pose."""
+    R, p = (np.repeat(part[None], 3, axis=0) for part in pose)
+    path = nominal_path(R, p, 1, 2, gravity, hand, supports)
+    lp = program(EDGES * path.support_mode.shape[1], 1)
+    start = whole(0)
+    lp.b[:3], lp.b[3:] = path.up_O[0, 0], 0.0
+    status, _, _ = solve(lp, support_columns(hand, path, start, start, margins, lp, start), False)
+    return bool(status == OPTIMAL)
 
 
 def arc_force(

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.basis import program
-from regrasp.kernels.forces import EDGES
 from regrasp.planner.arcs import Arc
 from regrasp.planner.assemble import Segment
-from regrasp.planner.balance import balance
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
@@ -83,18 +80,6 @@ def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
     return nominal_path(
         R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports
     )
-
-
-def rests(task: Task, pose: Pose) -> bool:
-    """Whether the supports alone hold the object at rest."""
-    hand, path = task.hand, rest_at(task, pose, 1)
-    k, zero = len(task.names), np.zeros((len(task.names), 3))
-    lp = program(EDGES * (k + path.support_mode.shape[1]), k)
-    held, _, _ = balance(
-        hand, path, 0, 0, np.zeros(k, np.uint8), np.zeros(k, np.int16), zero, zero, zero,
-        task.settings.local.energy.margins, False, lp,
-    )  # fmt: skip
-    return bool(held)
 
 
 def stance_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> Stance | Failure:
@@ -167,7 +152,7 @@ def plan_leg(
             return Planned([made[0]], made[1], STAYED, None)
         failure = made
     taken: list[tuple[list[Segment], Grasp]] = []
-    if grasp is None or rests(task, arcs[0].start):
+    if grasp is None or task.router.rests(arcs[0].start):
         for count in dict.fromkeys((len(arcs), 1)):
             stance = stance_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
             if isinstance(stance, Failure):

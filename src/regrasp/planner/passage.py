@@ -17,6 +17,8 @@ from regrasp.planner.scan import tool_direction, touch_down
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+LEAP = 0.15  # m that a body goes between two samples at most
+NEAR = 0.1  # rad or m that joints go between two looks for collisions
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 
 
@@ -166,7 +168,8 @@ def way_clear(
 ) -> bool:  # fmt: skip
     """Whether agent i with joints q (m + 1, n_a) in interval j is clear of all others as they move from `at` to `to`.
 
-    Looked at at every sample and half-way between samples.
+    Looked at at every sample and half-way between samples, where the joints go far more often. A way on which a body leaps
+    is none: between samples nobody would know where it goes.
     """
     m, k, n_a = path.R_WO.shape[1] - 1, len(hand.tip_geom), q.shape[1]
     rise = m // 4
@@ -177,16 +180,29 @@ def way_clear(
     R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
     R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
-    for half in range(1, 2 * m):
-        s, u = half // 2, 0.5 * half / m
+    looks = 2
+    for s in range(m):
         for a in range(n_a):
-            here[a] = q[s, a] if half % 2 == 0 else 0.5 * (q[s, a] + q[s + 1, a])
+            looks = max(looks, whole(np.ceil(abs(q[s + 1, a] - q[s, a]) / NEAR)))
+    p_S = found.p_WG[at[i]].copy()
+    for look in range(1, looks * m):
+        s, part, u = look // looks, (look % looks) / looks, look / (looks * m)
+        for a in range(n_a):
+            here[a] = q[s, a] if part == 0.0 else (1.0 - part) * q[s, a] + part * q[s + 1, a]
         forward(hand.chains, i, here, R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, R_G, p_G)
+        if look % looks == 0:
+            for g in range(hand.geom_start[i + 1] - hand.geom_start[i]):
+                far = 0.0
+                for a in range(3):
+                    far += (p_G[g, a] - p_S[g, a]) ** 2
+                    p_S[g, a] = p_G[g, a]
+                if far > LEAP * LEAP:
+                    return False
         blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], 1)
         if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
             return False
-        rising = (lifts and half <= 2 * rise) or (lands and half >= 2 * (m - rise))
+        rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
         if not rising and tip_hits(hand, i, R_G, p_G, R_B[last], p_B[last], 0.25 * high):
             return False
         for b in range(k):

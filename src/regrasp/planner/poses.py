@@ -7,6 +7,7 @@ finite. The exact goal is joined to every node from which an arc leads there.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 START, GOAL = 0, 1
 AROUND = 12  # orientations next to one
 THERE = (5e-5, 5e-4)  # m and rad: an arc that ends so near the goal ends there
+LIMITS = 7  # halvings that find where the object no longer rests
+SHORT = 0.95  # of the way to there
 SAME = (1e-5, 1e-4)  # m and rad: poses that are one
 
 
@@ -92,6 +95,7 @@ class PoseGraph:
     start: Pose
     goal: Pose
     resolution: Resolution
+    rests: Callable[[Pose], bool]
     poses: list[Pose] = field(init=False)
     held: list[tuple[int, ...]] = field(init=False)
     arcs: dict[tuple[int, int], Arc] = field(init=False, default_factory=dict)
@@ -105,6 +109,7 @@ class PoseGraph:
         self._seen = [self.start[0]]
         self._cells: dict[object, int] = {}
         self._ways: dict[int, list[int]] = {}
+        self._rest: dict[int, bool] = {}
         self.poses, self.held = [self.start, self.goal], [self.touched(self.start), self.touched(self.goal)]
         self._cells[self._cell(self.start, self.held[START])] = START
 
@@ -113,6 +118,12 @@ class PoseGraph:
         gaps = np.empty(len(self.around.kind))
         gaps_at(self.around, *pose, 2.0 * TOUCH, gaps)
         return tuple(int(b) for b in np.flatnonzero(np.abs(gaps[: len(self.supports)]) <= TOUCH))
+
+    def resting(self, node: int) -> bool:
+        """Whether the object stays at a node by itself."""
+        if node not in self._rest:
+            self._rest[node] = bool(self.held[node]) and self.rests(self.poses[node])
+        return self._rest[node]
 
     def patches(self, node: int) -> list[Patch]:
         """The contact patches of a node."""
@@ -172,6 +183,8 @@ class PoseGraph:
             on_surface = whole.kind in ("slide", "roll") or (whole.kind == "turn" and patches)
             if far >= (0.2 if body < len(self.supports) else 0.5) and (arc.on or not on_surface):
                 add(arc)
+                if arc.on and self.resting(node) and not self.rests(arc.goal):
+                    add(self._still_resting(arc))
         for whole in pivots(pose, patches, rounding):
             if not self.free.allow(whole):
                 continue
@@ -188,6 +201,17 @@ class PoseGraph:
             if angle < arc.angle:
                 add(arc.part(angle / arc.angle, arc.on))
         return list(found)
+
+    def _still_resting(self, arc: Arc) -> Arc:
+        """The part of an arc that ends a little before the object no longer rests on its supports."""
+        low, high = 0.0, 1.0
+        for _ in range(LIMITS):
+            middle = 0.5 * (low + high)
+            if self.rests(arc.pose(middle)):
+                low = middle
+            else:
+                high = middle
+        return arc.part(SHORT * low, arc.on)
 
     def _beside(self, R: Array) -> list[Array]:
         """Orientations of the set next to R, and the goal's."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
-from regrasp.planner.holding import arc_force, touchable
+from regrasp.planner.holding import arc_force, at_rest, touchable
 from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Pose, distance
 from regrasp.planner.poses import GOAL, START, PoseGraph, Resolution
@@ -35,7 +35,8 @@ class GlobalPlanner:
     step: between positions in parts of the object's radius. angle: about the step between orientations, rad. clearance: m
     between object and obstacles. weight: how far f = g + weight · h may overestimate (the route costs at most so many times
     the least). nodes: expanded before the search gives up; poses: made before it does, each about a kilobyte. force: cost of
-    one weight of holding force, in parts of an arc's length. penalty: factor on the cost of an arc on which the local planner
+    one weight of holding force, in parts of an arc's length; unrest: of a subgoal on a support on which the object does not
+    rest, in radii. penalty: factor on the cost of an arc on which the local planner
     failed. levels: resolutions tried, each finer than the one before.
     """
 
@@ -46,6 +47,7 @@ class GlobalPlanner:
     nodes: int = 4000
     poses: int = 100_000
     force: float = 0.2
+    unrest: float = 1.0
     penalty: float = 3.0
     levels: int = 2
 
@@ -83,7 +85,7 @@ class Router:
         s, fine = self.settings, FINER**self.level
         resolution = Resolution(s.step * self.hand.radius * fine, s.angle * fine, s.clearance)
         self.graph = PoseGraph(
-            self.hand, self.around, self.supports, self._freedoms, start, self.goal_pose, resolution
+            self.hand, self.around, self.supports, self._freedoms, start, self.goal_pose, resolution, self.rests
         )
         self.penalties: astar.Penalties[int] = astar.Penalties()
         self._cost: dict[tuple[int, int], float] = {}
@@ -117,15 +119,23 @@ class Router:
         """Where an arc may lead from a node (`PoseGraph.neighbours`)."""
         return [other for other in self.graph.neighbours(node) if self.in_reach(self.graph.poses[other])]
 
+    def rests(self, pose: Pose) -> bool:
+        """Whether the object stays at a pose by itself."""
+        return at_rest(self.hand, self.supports, pose, self.margins, self.gravity)
+
     def bound(self, a: int, b: int) -> float:
         """The arc's length."""
         return self.graph.arcs[a, b].length(self.hand.radius)
 
     def cost(self, a: int, b: int) -> float:
-        """Cost of an arc: its length times 1 + force · (least holding force); inf where no fingers hold the object."""
+        """Cost of an arc: its length times 1 + force · (least holding force); inf where no fingers hold the object.
+
+        More where it begins on a support on which the object does not rest: there the agents cannot take hold anew.
+        """
         if (a, b) not in self._cost:
             arc = self.graph.arcs[a, b]
-            self._cost[a, b] = self.cost_of(arc)
+            stuck = self.graph.held[a] and not self.graph.resting(a)
+            self._cost[a, b] = self.cost_of(arc) + (self.settings.unrest * self.hand.radius if stuck else 0.0)
             if self._cost[a, b] == math.inf:
                 self.weak.append((distance(arc.goal, self.goal_pose, self.hand.radius), arc))
         return self._cost[a, b]

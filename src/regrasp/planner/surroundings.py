@@ -43,8 +43,8 @@ class Surroundings(Record):
 def surroundings_of(hand: Hand, supports: tuple[Support, ...]) -> Surroundings:
     """The obstacles that the object may not touch, and the supports; the latter first, in their order."""
     k = len(hand.tip_geom)
-    obstacles = sorted({int(b) for _, b in hand.pairs[hand.block[k, k] : hand.block[k, k + 1]]} | set())
-    obstacles = [g for g in obstacles if g != hand.object_geom]
+    met = hand.pairs[hand.block[k, k] : hand.block[k, k + 1]]
+    obstacles = [int(g) for g in np.unique(met) if g != hand.object_geom]
     geom = np.array([*(support.geom for support in supports), *obstacles], np.int64)
     geoms, O = hand.geoms, hand.object_geom  # noqa: E741 - the frame's name
     return Surroundings(

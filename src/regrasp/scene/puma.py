@@ -103,6 +103,11 @@ class Puma:
         return HEIGHT * self.scale
 
     @property
+    def tool_radius(self) -> float:
+        """Radius of the tool's shaft, m: two thirds of its tip's, so that the tip stands proud of it, or in proportion."""
+        return min(TOOL_RADIUS * self.scale, self.tip_radius * TOOL_RADIUS / TIP_RADIUS)
+
+    @property
     def torque(self) -> Array:
         """Torque limits of the joints, N m."""
         return TORQUE * self.scale**3
@@ -143,7 +148,7 @@ class Puma:
             if i in _CAPSULES:
                 ends, width = _CAPSULES[i]
                 capsule(body, f"{name}/link{i + 1}", s * np.array(ends[0]), s * np.array(ends[1]), s * width)
-        capsule(body, f"{name}/tool", np.zeros(3), np.array([0.0, 0.0, self.tool_length]), TOOL_RADIUS * s)
+        capsule(body, f"{name}/tool", np.zeros(3), np.array([0.0, 0.0, self.tool_length]), self.tool_radius)
         tip(body, f"{name}/tip", np.array([0.0, 0.0, self.tool_length]), self.tip_radius)
 
 
