@@ -37,7 +37,7 @@ def settled(task: Task, plan: Plan, j: int, X_WO: Pose, touch: float) -> Pose:
     grid = task.router.grid
     carry = {plan.support_names[p] for p in np.flatnonzero(plan.support_mode[j])}
     for index, support in enumerate(grid.supports):
-        if support.name in carry and abs(gap(support, grid.kind_O, grid.size_O, *X_WO)) <= touch:
+        if support.name in carry and abs(gap(task.hand, support, *X_WO)) <= touch:
             X_WO = grid.snapped(X_WO, index)
     return X_WO
 

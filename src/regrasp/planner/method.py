@@ -91,10 +91,8 @@ def router_of(
     scene: Scene, hand: Hand, supports: tuple[Support, ...], start: Pose, goal: Pose, settings: Settings
 ) -> Router:
     """The global planner of a scene's surroundings between any two poses."""
-    grid = PoseGrid(
-        start, goal, scene.freedoms, settings.route.step * hand.radius, settings.route.angle, supports,
-        hand.kind_O, hand.size_O,
-    )  # fmt: skip
+    step, angle = settings.route.step * hand.radius, settings.route.angle
+    grid = PoseGrid(start, goal, scene.freedoms, step, angle, hand, supports)
     g = np.array(scene.gravity)
     up_W = -g / np.linalg.norm(g) if np.any(g) else np.zeros(3)
     return Router(hand, grid, supports, up_W, settings.route)
@@ -121,8 +119,8 @@ def way_path(task: Task, start: Pose, goal: Pose, support: int, least: int = 4) 
     gravity = np.array(task.world.scene.gravity)
     return [
         nominal_path(
-            R[c * step : (c + 1) * step + 1], p[c * step : (c + 1) * step + 1], each, s.samples, gravity, task.supports,
-            hand.kind_O, hand.size_O,
+            R[c * step : (c + 1) * step + 1], p[c * step : (c + 1) * step + 1], each, s.samples, gravity, hand,
+            task.supports,
         )
         for c in range(pieces)
     ]  # fmt: skip

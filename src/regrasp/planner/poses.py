@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.kernels.features import TOUCH
+from regrasp.planner.hand import Hand
 from regrasp.planner.path import Pose, distance, interpolate
-from regrasp.planner.supports import TOUCH, Support, gap
+from regrasp.planner.supports import Support, gap, moved_onto
 from regrasp.planner.turns import from_quaternion, from_rotvec, quaternion
 
 Array = NDArray[np.float64]
@@ -73,11 +75,11 @@ class PoseGrid:
 
     def __init__(
         self, start: Pose, goal: Pose, freedoms: tuple[str, ...], step: float, angle: float,
-        supports: tuple[Support, ...], kind_O: int, size_O: Array,
+        hand: Hand, supports: tuple[Support, ...],
     ) -> None:  # fmt: skip
         self.start_pose, self.goal_pose, self.step = start, goal, step
         self.moves = [AXES.index(name) for name in AXES[:3] if name in freedoms]
-        self.supports, self.kind_O, self.size_O = supports, kind_O, size_O
+        self.hand, self.supports = hand, supports
         self.rotations = orientations(freedoms, start[0], goal[0], angle)
         self.near = self._neighbour_turns(angle)
         self.start = Node((0, 0, 0), START, self.touched(start))
@@ -101,14 +103,13 @@ class PoseGrid:
     def touched(self, pose: Pose) -> int:
         """The first support that the object touches at a pose, or FREE."""
         for index, support in enumerate(self.supports):
-            if abs(gap(support, self.kind_O, self.size_O, *pose)) <= TOUCH:
+            if abs(gap(self.hand, support, *pose)) <= TOUCH:
                 return index
         return FREE
 
     def snapped(self, pose: Pose, index: int) -> Pose:
-        """The pose moved along the support's normal until the object touches it."""
-        support = self.supports[index]
-        return pose[0], pose[1] - gap(support, self.kind_O, self.size_O, *pose) * support.n_W
+        """The pose moved along the normal of the support and the object until they touch."""
+        return pose[0], moved_onto(self.hand, self.supports[index], *pose)
 
     def pose(self, node: Node) -> Pose | None:
         """X_WO of a node; None where snapping would move it by more than a step or along a held axis."""

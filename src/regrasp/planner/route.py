@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import program
+from regrasp.kernels.features import TOUCH
 from regrasp.kernels.forces import EDGES, friction_edges
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.simplex import OPTIMAL, solve
@@ -21,7 +22,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.poses import FREE, Node, PoseGrid
-from regrasp.planner.supports import TOUCH, Support, touching
+from regrasp.planner.supports import Support, touching
 from regrasp.search import astar
 
 Array = NDArray[np.float64]
@@ -106,7 +107,7 @@ class Router:
         pose = self.grid.pose(node)
         assert pose is not None
         hand = self.hand
-        rests = [] if node.support == FREE else touching(self.supports[node.support], hand.kind_O, hand.size_O, *pose)
+        rests = [] if node.support == FREE else touching(hand, self.supports[node.support], *pose)
         points = [(p, -n, float(np.min(hand.mu)), 1.0) for p, n in zip(*self._grasp_points, strict=True)]
         points += [(p, pose[0].T @ n, self.supports[node.support].mu, 0.0) for p, n in rests]
         lp = program(EDGES * len(points), 1)
