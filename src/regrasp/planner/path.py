@@ -58,7 +58,8 @@ def distance(start: Pose, goal: Pose, radius: float) -> float:
     return float(np.linalg.norm(goal[1] - start[1]) + radius * angle(goal[0] @ start[0].T))
 
 
-WANDER = 10.0  # how much faster than the object a contact point may move; faster, it jumps
+WANDER = 10.0
+"""How much faster than the object a contact point may move; a faster one jumps, as where a face rises onto its edge."""
 
 
 def nominal_path(
@@ -66,48 +67,51 @@ def nominal_path(
 ) -> Path:
     """The Path along n·m + 1 given poses.
 
-    A support slot bears force in an interval only if the object touches there at every sample of it, if its point does not
-    jump, as where the object rises from a face onto an edge, and if no earlier slot of the support is in the same place.
-    Its mode follows from the velocity of the object's material point relative to the surface (paper §2): below 1 % of the
-    fastest point of the object it sticks, else it slides, and friction opposes the motion.
+    A support slot that bears force (`bearing`) has its mode from the velocity of the object's material point relative to the
+    surface (paper §2): below 1 % of the fastest point of the object it sticks, else it slides, and friction opposes the
+    motion.
     """
     index = np.arange(n)[:, None] * m + np.arange(m + 1)[None, :]
     R, p = R_WO[index], p_WO[index]
     g = float(np.linalg.norm(gravity))
     up_W = -gravity / g if g > 0.0 else np.zeros(3)
     up_O = np.einsum("jsba,b->jsa", R, up_W)
-    touches = patches_along(hand, supports, R_WO, p_WO)
-    of, slot = np.nonzero(touches.present.any(axis=0))
-    present, p_W, n_W = touches.present[:, of, slot][index], touches.p_W[:, of, slot][index], touches.n_W[:, of][index]
-    p_O = np.einsum("jsba,jspb->jspa", R, p_W - p[:, :, None])
-    turns = angle(np.swapaxes(R[:, :-1], -1, -2) @ R[:, 1:])
     radius = float(np.max(hand.size_O[:3]))
+    touches = patches_along(hand, supports, R_WO, p_WO)
+    of, slot = np.nonzero(np.any(touches.present, axis=0))
+    p_W = touches.p_W[:, of, slot][index]
+    turns = angle(np.swapaxes(R[:, :-1], -1, -2) @ R[:, 1:])
     ways = np.linalg.norm(np.diff(p, axis=1), axis=-1) + radius * turns
-    steps = np.linalg.norm(np.diff(p_W, axis=1), axis=-1)
-    bears = present.all(axis=1) & np.all(steps <= TOUCH + WANDER * ways[:, :, None], axis=1)
-    apart = np.linalg.norm(p_W[:, [0, m], :, None] - p_W[:, [0, m], None, :], axis=-1).max(axis=1)
-    pairs = (of[:, None] == of) & (np.arange(len(of))[:, None] < np.arange(len(of)))
-    bears &= ~np.any(pairs & (apart <= COINCIDE) & bears[:, :, None], axis=1)
-
+    bears = bearing(touches.present[:, of, slot][index], p_W, ways, of)
+    used = np.flatnonzero(np.any(bears, axis=0))
+    of, slot, p_W, bears, n_W = of[used], slot[used], p_W[:, :, used], bears[:, used], touches.n_W[:, of[used]][index]
+    p_O = (p_W - p[:, :, None]) @ R
     v = point_velocity(R, p, p_O)
     v -= np.sum(v * n_W, axis=-1, keepdims=True) * n_W
     speed = np.linalg.norm(v, axis=-1)
     fastest = np.linalg.norm(p[:, -1] - p[:, 0], axis=-1) + radius * angle(R[:, -1] @ np.swapaxes(R[:, 0], -1, -2))
     sticks = np.all(speed <= 0.01 * fastest[:, None, None], axis=1)
-    mode = np.where(sticks, STICK, np.where(np.all(speed > 0.0, axis=1), SLIDE, SEPARATE)) * bears
-    used = np.any(mode != SEPARATE, axis=0)
-    mode, p_O, n_W, v, speed = mode[:, used], p_O[:, :, used], n_W[:, :, used], v[:, :, used], speed[:, :, used]
-    here, slides = (mode != SEPARATE)[:, None, :, None], (mode == SLIDE)[:, None, :, None]
-    t_W = np.where(slides, -v / np.where(slides[..., 0], speed, 1.0)[..., None], 0.0)
-    return Path(
-        R, p, up_O, mode.astype(np.int64),
-        np.where(here, p_O, 0.0),
-        np.where(here, np.einsum("jsba,jspb->jspa", R, n_W), [0.0, 0.0, 1.0]),
-        np.einsum("jsba,jspb->jspa", R, t_W),
-        np.array([supports[a].mu for a in of[used]], float),
-        of[used].astype(np.int64),
-        slot[used].astype(np.int64),
-    )  # fmt: skip
+    mode = np.where(bears, np.where(sticks, STICK, np.where(np.all(speed > 0.0, axis=1), SLIDE, SEPARATE)), SEPARATE)
+    here, slides = bears[:, None, :, None], (mode == SLIDE)[:, None, :, None]
+    n_O = np.where(here, n_W @ R, [0.0, 0.0, 1.0])
+    t_O = np.where(slides, -v / np.where(slides[..., 0], speed, 1.0)[..., None], 0.0) @ R
+    mu = np.array([supports[a].mu for a in of], float)
+    arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot)
+    return Path(*(np.ascontiguousarray(array) for array in arrays))
+
+
+def bearing(present: NDArray[np.bool_], p_W: Array, ways: Array, of: Ints) -> NDArray[np.bool_]:
+    """Which slots bear force in which intervals, (n, P).
+
+    Those that are present (n, m + 1, P) at every sample, whose points p_W (n, m + 1, P, 3) do not jump while the object moves
+    by ways (n, m), and of which no earlier slot of the same support, of (P,), is in the same place.
+    """
+    steps = np.linalg.norm(np.diff(p_W, axis=1), axis=-1)
+    bears = np.all(present, axis=1) & np.all(steps <= TOUCH + WANDER * ways[:, :, None], axis=1)
+    ends = p_W[:, [0, -1]]
+    apart = np.max(np.linalg.norm(ends[:, :, :, None] - ends[:, :, None], axis=-1), axis=1)
+    earlier = (of[:, None] == of) & (np.arange(len(of))[:, None] < np.arange(len(of)))
+    return np.asarray(bears & ~np.any(earlier & (apart <= COINCIDE) & bears[:, :, None], axis=1))
 
 
 def point_velocity(R: Array, p: Array, p_O: Array) -> Array:
@@ -119,4 +123,4 @@ def point_velocity(R: Array, p: Array, p_O: Array) -> Array:
     omega, v = (
         np.concatenate([d[:, :1], 0.5 * (d[:, 1:] + d[:, :-1]), d[:, -1:]], axis=1)[:, :, None] for d in (turn, shift)
     )
-    return np.asarray(v + np.cross(omega, np.einsum("jsab,jspb->jspa", R, p_O)))
+    return np.asarray(v + np.cross(omega, p_O @ np.swapaxes(R, -1, -2)))

@@ -160,7 +160,7 @@ def _grasp_tag(value: Any) -> str:
 
 
 def _supports_tag(value: Any) -> str:
-    return "supports: auto" if isinstance(value, str) else "supports: names"
+    return "supports: auto" if value == "auto" else "supports: names"
 
 
 def _model_tag(value: Any) -> str | None:
