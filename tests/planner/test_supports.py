@@ -230,6 +230,17 @@ def test_a_box_that_tips_off_a_face_bears_on_its_edge_from_the_start() -> None:
     assert np.all(tipped.support_mode == STICK)
 
 
+def test_a_cylinder_that_tips_off_its_face_bears_on_its_rim_from_the_start() -> None:
+    angle, r = 0.2 * U, 0.004
+    R = turned("y", angle)
+    axis = np.stack([r * angle, 0 * U, 0.05 + r + 0 * U], axis=1)
+    tipped = path("cylinder", R, axis - R @ [0.026, 0.0, -0.036])
+    assert np.all(np.sum(tipped.support_mode == STICK, axis=1) == 1)
+    low = np.einsum("jsab,jsb->jsa", tipped.R_WO, tipped.support_p_O[:, :, 0]) + tipped.p_WO
+    np.testing.assert_allclose(low[..., 2], 0.05, atol=1e-6)
+    np.testing.assert_allclose(low[..., 1], 0.0, atol=1e-9)
+
+
 def test_a_box_that_tips_over_the_edge_of_a_block_bears_on_that_edge() -> None:
     """The block's edge carries at its ends under the box, which do not slip while the face turns about them."""
     angle = 0.2 * U

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
 from regrasp.planner.hand import Hand
-from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, patches_along
+from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, on_surface, patches_along
 from regrasp.planner.turns import angle, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
@@ -79,10 +79,10 @@ def nominal_path(
     radius = float(np.max(hand.size_O[:3]))
     touches = patches_along(hand, supports, R_WO, p_WO)
     of, slot = np.nonzero(np.any(touches.present, axis=0))
-    p_W = touches.p_W[:, of, slot][index]
+    present, p_W = touches.present[:, of, slot][index], touches.p_W[:, of, slot][index]
+    begin_early(present, p_W, R, p, hand, [supports[a] for a in of])
     turns = angle(np.swapaxes(R[:, :-1], -1, -2) @ R[:, 1:])
-    ways = np.linalg.norm(np.diff(p, axis=1), axis=-1) + radius * turns
-    bears = bearing(touches.present[:, of, slot][index], p_W, ways, of)
+    bears = bearing(present, p_W, np.linalg.norm(np.diff(p, axis=1), axis=-1) + radius * turns, of)
     used = np.flatnonzero(np.any(bears, axis=0))
     of, slot, p_W, bears, n_W = of[used], slot[used], p_W[:, :, used], bears[:, used], touches.n_W[:, of[used]][index]
     p_O = (p_W - p[:, :, None]) @ R
@@ -98,6 +98,22 @@ def nominal_path(
     mu = np.array([supports[a].mu for a in of], float)
     arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot)
     return Path(*(np.ascontiguousarray(array) for array in arrays))
+
+
+def begin_early(
+    present: NDArray[np.bool_], p_W: Array, R: Array, p: Array, hand: Hand, supports: list[Support]
+) -> None:  # fmt: skip
+    """Let slots that are present at all samples of an interval but one at its ends be so there too, where the point touches.
+
+    A disc that tips has no point of its rim yet while it lies flat: it is the object's material point of the sample beside.
+    """
+    m = present.shape[1] - 1
+    for end, beside in ((0, 1), (m, m - 1)):
+        inner = np.delete(present, end, axis=1)
+        for j, column in zip(*np.nonzero(np.all(inner, axis=1) & ~present[:, end]), strict=True):
+            point = R[j, end] @ R[j, beside].T @ (p_W[j, beside, column] - p[j, beside]) + p[j, end]
+            if on_surface(hand, supports[column], point):
+                present[j, end, column], p_W[j, end, column] = True, point
 
 
 def bearing(present: NDArray[np.bool_], p_W: Array, ways: Array, of: Ints) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.cores import POINT
 from regrasp.kernels.distances import Geoms, bounds_far, place
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.patches import ROOM, SCRATCH, SLOTS, contact, patch
@@ -19,6 +20,7 @@ Flags = NDArray[np.uint8]
 SEPARATE, STICK, SLIDE = 0, 1, 2
 
 COINCIDE = 1e-6  # m: slots of one support this close are one contact
+STEPS, EXACT = 16, 1e-10  # steps that put the object onto a support, and m to which they do
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Support:
 
 @dataclass(frozen=True)
 class Patch:
-    """Where a support touches the object, or would if moved there along the normal.
+    """Where a support touches the object.
 
     n_W (3,): unit normal into the object. polygon (c, 3): corners in order, in W, on the object's surface: 1 is a point,
     2 are the ends of a line.
@@ -58,19 +60,29 @@ def supports_of(world: World, hand: Hand) -> tuple[Support, ...]:
     return tuple(Support(name, index[int(geom)], float(mu)) for name, geom, mu in given)
 
 
-def gap(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> float:
-    """Distance of the object from the support, m (negative: how deep they overlap)."""
-    return _facing(hand, support, R_WO, p_WO)[0]
-
-
-def _facing(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> tuple[float, Array]:
-    """The gap and the normal in W from the support into the object."""
+def facing(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> tuple[float, Array]:
+    """Distance of object and support, m (negative: how deep they overlap), and the unit normal in W, into the object."""
     geoms, s, o = hand.geoms, support.geom, hand.object_geom
-    value, n = contact(
+    height, n = contact(
         geoms.kind[s], geoms.core[s], geoms.radius[s], geoms.R_LG[s], geoms.p_LG[s],
         geoms.kind[o], geoms.core[o], geoms.radius[o], np.ascontiguousarray(R_WO), np.ascontiguousarray(p_WO),
     )  # fmt: skip
-    return value, np.array(n)
+    return height, np.array(n)
+
+
+def gap(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> float:
+    """Distance of the object from the support, m (negative: how deep they overlap)."""
+    return facing(hand, support, R_WO, p_WO)[0]
+
+
+def on_surface(hand: Hand, support: Support, p_W: Array) -> bool:
+    """Whether a point touches the support."""
+    geoms, s = hand.geoms, support.geom
+    height, _ = contact(
+        geoms.kind[s], geoms.core[s], geoms.radius[s], geoms.R_LG[s], geoms.p_LG[s],
+        POINT, np.zeros(3), 0.0, np.eye(3), np.ascontiguousarray(p_W),
+    )  # fmt: skip
+    return abs(height) <= TOUCH
 
 
 def moved_onto(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Array:
@@ -79,20 +91,19 @@ def moved_onto(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Array:
     Bodies apart keep their nearest points on the way, so that one step does; for such as overlap it is the way out.
     """
     for _ in range(STEPS):
-        height, n_W = _facing(hand, support, R_WO, p_WO)
+        height, n_W = facing(hand, support, R_WO, p_WO)
         if abs(height) <= EXACT:
             break
         p_WO = p_WO - height * n_W
     return p_WO
 
 
-STEPS, EXACT = 16, 1e-10  # steps that put the object onto a support, and m to which they do
-
-
-def patch_of(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Patch:
-    """The contact patch of the support and the object."""
+def patch_of(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Patch | None:
+    """The contact patch of the support and the object at pose X_WO, if they touch."""
+    height, n_W = facing(hand, support, R_WO, p_WO)
+    if abs(height) > TOUCH:
+        return None
     geoms, s, o = hand.geoms, support.geom, hand.object_geom
-    n_W = _facing(hand, support, R_WO, p_WO)[1]
     polygon, present, points = np.empty((ROOM, 3)), np.zeros(SLOTS, np.uint8), np.zeros((SLOTS, 3))
     count = patch(
         geoms.kind[s], geoms.core[s], geoms.R_LG[s], geoms.p_LG[s],
