@@ -246,10 +246,9 @@ def test_a_box_that_tips_over_the_edge_of_a_block_bears_on_that_edge() -> None:
     angle = 0.2 * U
     R = turned("y", angle)
     tipped = path("box", R, np.array([0.1, 0.0, 0.05]) - R @ [0.01, 0.0, -0.04], "block")
-    bears = tipped.support_mode == STICK
-    assert np.all(tipped.support_mode[~bears] == SEPARATE)
-    assert np.all(bears.sum(axis=1) == 2)
-    for j, column in zip(*np.nonzero(bears), strict=True):
+    assert tipped.support_slot.tolist() == [1, 3]
+    assert np.all(tipped.support_mode == STICK)
+    for j, column in itertools.product(range(N), range(2)):
         p_W = np.einsum("sab,sb->sa", tipped.R_WO[j], tipped.support_p_O[j, :, column]) + tipped.p_WO[j]
         np.testing.assert_allclose(np.abs(p_W), np.tile([0.1, 0.016, 0.05], (M + 1, 1)), atol=1e-9)
         n_W = np.einsum("sab,sb->sa", tipped.R_WO[j], tipped.support_n_O[j, :, column])

@@ -120,14 +120,16 @@ def bearing(present: NDArray[np.bool_], p_W: Array, ways: Array, of: Ints) -> ND
     """Which slots bear force in which intervals, (n, P).
 
     Those that are present (n, m + 1, P) at every sample, whose points p_W (n, m + 1, P, 3) do not jump while the object moves
-    by ways (n, m), and of which no earlier slot of the same support, of (P,), is in the same place.
+    by ways (n, m), and of which no other slot of the same support, of (P,), is in the same place: of two, the one that bears
+    for longer stays, so that a contact keeps its slot.
     """
     steps = np.linalg.norm(np.diff(p_W, axis=1), axis=-1)
     bears = np.all(present, axis=1) & np.all(steps <= TOUCH + WANDER * ways[:, :, None], axis=1)
     ends = p_W[:, [0, -1]]
     apart = np.max(np.linalg.norm(ends[:, :, :, None] - ends[:, :, None], axis=-1), axis=1)
-    earlier = (of[:, None] == of) & (np.arange(len(of))[:, None] < np.arange(len(of)))
-    return np.asarray(bears & ~np.any(earlier & (apart <= COINCIDE) & bears[:, :, None], axis=1))
+    rank = np.argsort(np.argsort(-np.sum(bears, axis=0), kind="stable"))
+    before = (of[:, None] == of) & (rank[:, None] < rank)
+    return np.asarray(bears & ~np.any(before & (apart <= COINCIDE) & bears[:, :, None], axis=1))
 
 
 def point_velocity(R: Array, p: Array, p_O: Array) -> Array:
