@@ -54,7 +54,7 @@ def longer(n: int) -> Job:
     R = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1) @ work.path.R_WO[0, 0]
     p = np.tile(work.path.p_WO[0, 0], (len(angle), 1))
     gravity = np.array(task.world.scene.gravity)
-    return dataclasses.replace(work, path=nominal_path(R, p, n, m, gravity, task.supports, hand.kind_O, hand.size_O))
+    return dataclasses.replace(work, path=nominal_path(R, p, n, m, gravity, hand, task.supports))
 
 
 def handed(k: int) -> Job:

@@ -33,7 +33,7 @@ def _make(name: str) -> Plan:
     data.qpos[:] = world.start
     mujoco.mj_kinematics(world.model, data)
     tips = data.geom_xpos[[agent.tip_geom for agent in world.agents]]
-    start, goal, k, P = world.scene.start.pose, world.scene.goal.pose, len(world.agents), len(world.scene.supports)
+    start, goal, k, P = world.scene.start.pose, world.scene.goal.pose, len(world.agents), len(world.scene.carriers)
     u = np.linspace(0, 1, N * (M - 1) + 1)[np.arange(N)[:, None] * (M - 1) + np.arange(M)]
     turn = Slerp([0, 1], Rotation.from_matrix([start.R, goal.R]))(u.ravel())
     p = start.p + u[..., None] * (np.array(goal.p) - start.p)
@@ -66,7 +66,7 @@ def _make(name: str) -> Plan:
         route=np.concatenate([p[[0, -1], [0, -1]], quaternion[[0, -1], [0, -1]]], axis=1),
         energy=np.array([3.0, 1.0]),
         energy_segment=np.zeros(2, np.int64),
-        support_names=world.scene.supports,
+        support_names=world.scene.carriers,
         agent_names=tuple(agent.name for agent in world.agents),
         joint_names=tuple(world.model.joint(int(i)).name for agent in world.agents for i in agent.joints),
         scene=world.scene.model_dump(mode="json"),

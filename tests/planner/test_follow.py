@@ -115,7 +115,7 @@ def test_with_six_joints_the_contact_path_is_the_same_on_any_path_of_the_object(
     a = arc("fig3-puma3")
     hand, n, m = a.hand, 2, a.path.R_WO.shape[1] - 1
     R, p = np.tile(a.path.R_WO[0, 0], (n * m + 1, 1, 1)), np.tile(a.path.p_WO[0, 0], (n * m + 1, 1))
-    still = nominal_path(R, p, n, m, np.array([0.0, 0.0, -9.81]), (), hand.kind_O, hand.size_O)
+    still = nominal_path(R, p, n, m, np.array([0.0, 0.0, -9.81]), hand, ())
     for i in range(len(a.task.names)):
         for command in a.terms.commands[: SLIDE_MINUS_Y + 1]:
             traces = []

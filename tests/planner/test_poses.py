@@ -174,7 +174,7 @@ def test_start_and_goal_are_exact() -> None:
 def test_neighbouring_orientations_are_those_of_a_search_tree(freedoms: tuple[str, ...], step: float) -> None:
     """All within 1.6 steps, and more only where fewer than five are so near."""
     start, goal = Rotation.from_rotvec([[0.3, -0.2, 0.1], [1.0, 0.5, -2.0]]).as_matrix()
-    poses = PoseGrid((start, np.zeros(3)), (goal, np.zeros(3)), freedoms, 0.01, step, (), 0, np.ones(4))
+    poses = PoseGrid((start, np.zeros(3)), (goal, np.zeros(3)), freedoms, 0.01, step, None, ())
     q = Rotation.from_matrix(np.array(poses.rotations)).as_quat()
     balls = cKDTree(np.vstack([q, -q])).query_ball_point(q, 2.0 * np.sin(1.6 * step / 4.0))
     within = [{b % len(q) for b in ball} - {a} for a, ball in enumerate(balls)]

@@ -219,3 +219,10 @@ def test_scenes_cannot_be_changed() -> None:
     scene = load("fig3-puma3")
     with pytest.raises(ValueError, match="frozen"):
         scene.friction = 0.1  # type: ignore[misc]
+
+
+def test_supports_auto_is_every_body_that_may_be_named() -> None:
+    scene = parse(yaml.safe_dump(changed("supports", "auto")))
+    assert scene.carriers == scene.support_names
+    assert parse(dump(scene)) == scene
+    assert scene.carriers != parse(yaml.safe_dump(changed("supports", ["table"]))).carriers == ("table",)

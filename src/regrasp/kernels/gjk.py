@@ -9,13 +9,15 @@ import math
 
 from numba import njit
 
-from regrasp.kernels.cores import support
-from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm
+from regrasp.kernels.cores import BOX, CYLINDER, SEGMENT, support
+from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm, plus, unit
 
 ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
 BRACKET = 1e-9  # m between the two bounds
 TOUCH = 1e-10  # m below which the cores overlap
 PUSHES = 4  # steps that refine the depth of an overlap
+APART = 1e-4  # m between cores from which on the direction of their distance is well defined
+ROUNDING = 1e-15  # m: round-off of a distance
 
 
 @njit(cache=True, nogil=True)
@@ -69,9 +71,17 @@ def _minkowski(
 
 @njit(cache=True, nogil=True)
 def _nearest(
-    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, limit: float
+    kind_A: int,
+    core_A: Array,
+    R_A: Array,
+    kind_B: int,
+    core_B: Array,
+    R_B: Array,
+    o: Triple,
+    limit: float,
+    bracket: float,
 ) -> tuple[float, Triple]:
-    """Distance of D from the origin and its nearest point v; o = p_B − p_A.
+    """Distance of D from the origin, to the bracket (m), and its nearest point v; o = p_B − p_A.
 
     Returns early with a lower bound above limit. If D holds the origin: minus the least depth that the directions tried
     show, with the direction that shows it, pointing into D.
@@ -88,7 +98,7 @@ def _nearest(
             lower, direction = bound, v
             if lower > limit:
                 return lower, v
-            if upper - lower <= BRACKET:
+            if upper - lower <= bracket:
                 return upper, v
         # The simplex is the `count` first of a, b, c, and w; keep what carries its nearest point, w last.
         if count == 0:
@@ -159,7 +169,7 @@ def gap(
     overlaps. Returns early, with a lower bound of the distance, as soon as one exceeds limit.
     """
     o = minus(p_B, p_A)
-    value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, o, limit)
+    value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, o, limit, BRACKET)
     if value > 0.0:
         return value
     depth, length = -value, norm(v)
@@ -176,7 +186,7 @@ def gap(
     for _ in range(PUSHES):
         m = 2.0 * depth + 1e-6
         shifted = (o[0] - m * n[0], o[1] - m * n[1], o[2] - m * n[2])
-        value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, shifted, math.inf)
+        value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, shifted, math.inf, BRACKET)
         if value <= 0.0:
             break
         length = norm(v)
@@ -186,3 +196,81 @@ def gap(
             break
         depth, n = h, u
     return -max(depth, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def separation(
+    kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array
+) -> tuple[float, Triple]:
+    """Signed distance in m of two cores (not PLANE) in W, and the unit normal n from A into B along which it is taken.
+
+    n is the direction whose separating slab is widest: h(n) = min nᵀd over D is largest. Smooth cores leave GJK a normal
+    that is good to the root of round-off; normals of faces, and of pairs of edges, that are no worse are therefore
+    preferred, so that what lies flat does so exactly. If the cores overlap, n is a local maximum of h, as in `gap`.
+    """
+    o = minus(p_B, p_A)
+    value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, o, math.inf, ROUNDING)
+    n = unit(v) if norm(v) > 0.0 else (0.0, 0.0, 1.0)
+    h = _width(kind_A, core_A, R_A, kind_B, core_B, R_B, o, n)
+    h, n = _faced(kind_A, core_A, R_A, kind_B, core_B, R_B, o, h, n, value > APART)
+    if value > APART:
+        return h, n
+    # Parted along the common normal, bodies keep their nearest points, but the direction becomes sharp.
+    for _ in range(2 * PUSHES):
+        shifted = plus(o, 2.0 * max(-h, 0.0) + APART, n)
+        value, v = _nearest(kind_A, core_A, R_A, kind_B, core_B, R_B, shifted, math.inf, ROUNDING)
+        if value <= 0.0:
+            break
+        u = unit(v)
+        width = _width(kind_A, core_A, R_A, kind_B, core_B, R_B, o, u)
+        if width <= h + ROUNDING:
+            break
+        h, n = width, u
+    return _faced(kind_A, core_A, R_A, kind_B, core_B, R_B, o, h, n, True)
+
+
+@njit(cache=True, nogil=True)
+def _width(
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, n: Triple
+) -> float:
+    """Width h(n) of the slab across n that separates the cores; negative where they overlap along n."""
+    return dot(n, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-n[0], -n[1], -n[2])))
+
+
+@njit(cache=True, nogil=True)
+def _faced(
+    kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, h: float, n: Triple,
+    near: bool,
+) -> tuple[float, Triple]:  # fmt: skip
+    """The best of n, with h = h(n), and the normals of faces and of pairs of edges (near: only those next to n)."""
+    best, found = h - ROUNDING, False
+    m = n
+    first_A, first_B = _first_axis(kind_A), _first_axis(kind_B)
+    for i in range(first_A, 4):
+        for k in range(first_B, 4):
+            if i == 3 and k == 3:
+                continue
+            # Column 3 stands for no edge: the other body's axis is the normal of its face.
+            a = (R_A[0, i % 3], R_A[1, i % 3], R_A[2, i % 3])
+            b = (R_B[0, k % 3], R_B[1, k % 3], R_B[2, k % 3])
+            u = a if k == 3 else (b if i == 3 else cross(a, b))
+            length = norm(u)
+            side = dot(u, n)
+            if length < 1e-6 or (near and abs(side) < 0.999 * length):
+                continue
+            s = 1.0 / length if side >= 0.0 else -1.0 / length
+            for _ in range(1 if near else 2):
+                w = (s * u[0], s * u[1], s * u[2])
+                width = _width(kind_A, core_A, R_A, kind_B, core_B, R_B, o, w)
+                if width > best:
+                    best, m, found = width, w, True
+                s = -s
+    return (best, m) if found else (h, n)
+
+
+@njit(cache=True, nogil=True)
+def _first_axis(kind: int) -> int:
+    """First of the frame's axes 0 … 2 along which the core has straight edges: all, z alone, or none (3)."""
+    if kind == BOX:
+        return 0
+    return 2 if kind == CYLINDER or kind == SEGMENT else 3  # noqa: SIM109

@@ -67,11 +67,8 @@ def rotate(R: Array, vectors: Array) -> Array:
 
 def joined(motions: list[Motion], supports: tuple[Support, ...]) -> tuple[Course, tuple[str, ...]]:
     """The course of consecutive motions, one per segment, and the support of each slot."""
-    counts = [
-        max((int(np.sum(motion.path.support_of == a)) for motion in motions), default=0) for a in range(len(supports))
-    ]
-    first = np.cumsum([0, *counts])
-    slots = [support_slots(motion, supports, int(first[-1]), first) for motion in motions]
+    slots = sorted({slot for motion in motions for slot in slots_of(motion)})
+    spread = [support_slots(motion, slots) for motion in motions]
     n = [len(motion.V) for motion in motions]
     course = Course(
         segment=np.repeat(np.arange(len(motions)), n),
@@ -79,29 +76,31 @@ def joined(motions: list[Motion], supports: tuple[Support, ...]) -> tuple[Course
         object_rotation=np.concatenate([motion.path.R_WO for motion in motions]),
         **{name: np.concatenate([getattr(motion, name) for motion in motions])
            for name in ("joints", "V", "twist", "p_OC_O", "n_O", "x_O")},
-        **{name: np.concatenate([slot[name] for slot in slots]) for name in slots[0]},
+        **{name: np.concatenate([arrays[name] for arrays in spread]) for name in spread[0]},
         moves=np.ones(sum(n), np.bool_),
     )  # fmt: skip
-    return course, tuple(support.name for a, support in enumerate(supports) for _ in range(counts[a]))
+    return course, tuple(supports[a].name for a, _ in slots)
 
 
-def support_slots(motion: Motion, supports: tuple[Support, ...], P: int, first: Array) -> dict[str, Any]:
-    """A motion's support arrays spread over the plan's P slots; slots of support a begin at first[a]."""
-    n, samples = motion.path.R_WO.shape[:2]
+def slots_of(motion: Motion) -> list[tuple[int, int]]:
+    """The slots of a motion's path: (support, slot of its own)."""
+    return list(zip(motion.path.support_of.tolist(), motion.path.support_slot.tolist(), strict=True))
+
+
+def support_slots(motion: Motion, slots: list[tuple[int, int]]) -> dict[str, Any]:
+    """A motion's support arrays spread over the plan's slots."""
+    path = motion.path
+    (n, samples), P = path.R_WO.shape[:2], len(slots)
+    columns = [slots.index(slot) for slot in slots_of(motion)]
     out: dict[str, Any] = {
         "support_mode": np.zeros((n, P), np.int8),
         **{name: np.zeros((n, samples, P, 3)) for name in ("support_p_O", "support_n_W", "support_t_W")},
     }
-    for a, support in enumerate(supports):
-        out["support_n_W"][:, :, int(first[a]) : int(first[a + 1])] = support.n_W
-    t_W = rotate(motion.path.R_WO, motion.path.support_t_O)
-    used = np.zeros(len(supports), int)
-    for column, a in enumerate(motion.path.support_of):
-        slot = int(first[a]) + used[a]
-        used[a] += 1
-        out["support_mode"][:, slot] = motion.path.support_mode[:, column]
-        out["support_p_O"][:, :, slot] = motion.path.support_p_O[:, :, column]
-        out["support_t_W"][:, :, slot] = t_W[:, :, column]
+    out["support_n_W"][..., 2] = 1.0
+    out["support_mode"][:, columns] = path.support_mode
+    out["support_p_O"][:, :, columns] = path.support_p_O
+    out["support_n_W"][:, :, columns] = rotate(path.R_WO, path.support_n_O)
+    out["support_t_W"][:, :, columns] = rotate(path.R_WO, path.support_t_O)
     return out
 
 

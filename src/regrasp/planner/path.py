@@ -4,8 +4,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
-from regrasp.planner.supports import SEPARATE, SLIDE, STICK, Support, touching
+from regrasp.planner.hand import Hand
+from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, on_surface, patches_along
 from regrasp.planner.turns import angle, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
@@ -18,7 +20,7 @@ class Path(Record):
     R_WO (n, m + 1, 3, 3), p_WO (n, m + 1, 3): object poses. up_O (n, m + 1, 3): what the contact forces must add up to, in
     units of the weight. support_mode (n, P): separate, stick or slide; support_p_O, support_n_O, support_t_O
     (n, m + 1, P, 3): contact point, normal into the object, direction of sliding friction on the object; support_mu (P,);
-    support_of (P,): which support a slot belongs to.
+    support_of, support_slot (P,): which support a slot belongs to, and which of its slots (`kernels.patches`) it is.
     """
 
     R_WO: Array
@@ -30,6 +32,7 @@ class Path(Record):
     support_t_O: Array
     support_mu: Array
     support_of: Ints
+    support_slot: Ints
 
 
 @njit(cache=True, nogil=True)
@@ -55,63 +58,87 @@ def distance(start: Pose, goal: Pose, radius: float) -> float:
     return float(np.linalg.norm(goal[1] - start[1]) + radius * angle(goal[0] @ start[0].T))
 
 
+WANDER = 10.0
+"""How much faster than the object a contact point may move; a faster one jumps, as where a face rises onto its edge."""
+
+
 def nominal_path(
-    R_WO: Array,
-    p_WO: Array,
-    n: int,
-    m: int,
-    gravity: Array,
-    supports: tuple[Support, ...],
-    kind_O: int,
-    size_O: Array,
+    R_WO: Array, p_WO: Array, n: int, m: int, gravity: Array, hand: Hand, supports: tuple[Support, ...]
 ) -> Path:
     """The Path along n·m + 1 given poses.
 
-    A support slot bears force in an interval only if the object touches there at every sample of it. Its mode follows
-    from the velocity of the object's material point relative to the surface (paper §2): below 1 % of the fastest point of
-    the object it sticks, else it slides, and friction opposes the motion.
+    A support slot that bears force (`bearing`) has its mode from the velocity of the object's material point relative to the
+    surface (paper §2): below 1 % of the fastest point of the object it sticks, else it slides, and friction opposes the
+    motion.
     """
     index = np.arange(n)[:, None] * m + np.arange(m + 1)[None, :]
     R, p = R_WO[index], p_WO[index]
     g = float(np.linalg.norm(gravity))
     up_W = -gravity / g if g > 0.0 else np.zeros(3)
     up_O = np.einsum("jsba,b->jsa", R, up_W)
-    contacts = [[touching(support, kind_O, size_O, R_WO[s], p_WO[s]) for s in range(n * m + 1)] for support in supports]
-    slots = [(a, b) for a, per in enumerate(contacts) for b in range(max((len(c) for c in per), default=0))]
-    P = len(slots)
-    mode = np.zeros((n, P), np.int64)
-    point, normal, slip = np.zeros((n, m + 1, P, 3)), np.zeros((n, m + 1, P, 3)), np.zeros((n, m + 1, P, 3))
-    normal[..., 2] = 1.0
-    radius = float(np.max(size_O[:3]))
-    for column, (a, b) in enumerate(slots):
-        for j in range(n):
-            here = [contacts[a][i] for i in index[j]]
-            if any(len(c) <= b for c in here):
-                continue
-            point[j, :, column] = [c[b][0] for c in here]
-            n_W = np.array([c[b][1] for c in here])
-            normal[j, :, column] = np.einsum("sba,sb->sa", R[j], n_W)
-            v = point_velocity(R[j], p[j], point[j, :, column])
-            v -= np.einsum("sa,sa->s", v, n_W)[:, None] * n_W
-            speed = np.linalg.norm(v, axis=1)
-            fastest = np.linalg.norm(p[j, -1] - p[j, 0]) + radius * angle(R[j, -1] @ R[j, 0].T)
-            if np.all(speed <= 0.01 * fastest):
-                mode[j, column] = STICK
-            elif np.all(speed > 0.0):
-                mode[j, column] = SLIDE
-                slip[j, :, column] = np.einsum("sba,sb->sa", R[j], -v / speed[:, None])
-            else:
-                mode[j, column] = SEPARATE
-    mu = np.array([supports[a].mu for a, _ in slots])
-    return Path(R, p, up_O, mode, point, normal, slip, mu, np.array([a for a, _ in slots], np.int64))
+    radius = float(np.max(hand.size_O[:3]))
+    touches = patches_along(hand, supports, R_WO, p_WO)
+    of, slot = np.nonzero(np.any(touches.present, axis=0))
+    present, p_W = touches.present[:, of, slot][index], touches.p_W[:, of, slot][index]
+    begin_early(present, p_W, R, p, hand, [supports[a] for a in of])
+    turns = angle(np.swapaxes(R[:, :-1], -1, -2) @ R[:, 1:])
+    bears = bearing(present, p_W, np.linalg.norm(np.diff(p, axis=1), axis=-1) + radius * turns, of)
+    used = np.flatnonzero(np.any(bears, axis=0))
+    of, slot, p_W, bears, n_W = of[used], slot[used], p_W[:, :, used], bears[:, used], touches.n_W[:, of[used]][index]
+    p_O = (p_W - p[:, :, None]) @ R
+    v = point_velocity(R, p, p_O)
+    v -= np.sum(v * n_W, axis=-1, keepdims=True) * n_W
+    speed = np.linalg.norm(v, axis=-1)
+    fastest = np.linalg.norm(p[:, -1] - p[:, 0], axis=-1) + radius * angle(R[:, -1] @ np.swapaxes(R[:, 0], -1, -2))
+    sticks = np.all(speed <= 0.01 * fastest[:, None, None], axis=1)
+    mode = np.where(bears, np.where(sticks, STICK, np.where(np.all(speed > 0.0, axis=1), SLIDE, SEPARATE)), SEPARATE)
+    here, slides = bears[:, None, :, None], (mode == SLIDE)[:, None, :, None]
+    n_O = np.where(here, n_W @ R, [0.0, 0.0, 1.0])
+    t_O = np.where(slides, -v / np.where(slides[..., 0], speed, 1.0)[..., None], 0.0) @ R
+    mu = np.array([supports[a].mu for a in of], float)
+    arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot)
+    return Path(*(np.ascontiguousarray(array) for array in arrays))
+
+
+def begin_early(
+    present: NDArray[np.bool_], p_W: Array, R: Array, p: Array, hand: Hand, supports: list[Support]
+) -> None:  # fmt: skip
+    """Let slots that are present at all samples of an interval but one at its ends be so there too, where the point touches.
+
+    A disc that tips has no point of its rim yet while it lies flat: it is the object's material point of the sample beside.
+    """
+    m = present.shape[1] - 1
+    for end, beside in ((0, 1), (m, m - 1)):
+        inner = np.delete(present, end, axis=1)
+        for j, column in zip(*np.nonzero(np.all(inner, axis=1) & ~present[:, end]), strict=True):
+            point = R[j, end] @ R[j, beside].T @ (p_W[j, beside, column] - p[j, beside]) + p[j, end]
+            if on_surface(hand, supports[column], point):
+                present[j, end, column], p_W[j, end, column] = True, point
+
+
+def bearing(present: NDArray[np.bool_], p_W: Array, ways: Array, of: Ints) -> NDArray[np.bool_]:
+    """Which slots bear force in which intervals, (n, P).
+
+    Those that are present (n, m + 1, P) at every sample, whose points p_W (n, m + 1, P, 3) do not jump while the object moves
+    by ways (n, m), and of which no other slot of the same support, of (P,), is in the same place: of two, the one that bears
+    for longer stays, so that a contact keeps its slot.
+    """
+    steps = np.linalg.norm(np.diff(p_W, axis=1), axis=-1)
+    bears = np.all(present, axis=1) & np.all(steps <= TOUCH + WANDER * ways[:, :, None], axis=1)
+    ends = p_W[:, [0, -1]]
+    apart = np.max(np.linalg.norm(ends[:, :, :, None] - ends[:, :, None], axis=-1), axis=1)
+    rank = np.argsort(np.argsort(-np.sum(bears, axis=0), kind="stable"))
+    before = (of[:, None] == of) & (rank[:, None] < rank)
+    return np.asarray(bears & ~np.any(before & (apart <= COINCIDE) & bears[:, :, None], axis=1))
 
 
 def point_velocity(R: Array, p: Array, p_O: Array) -> Array:
-    """Velocity per interval of the object's material point at p_O(s), at each sample, from the interval's twist (W)."""
-    m = len(R) - 1
-    turn = rotvec(R[1:] @ np.swapaxes(R[:-1], 1, 2)) * m
-    shift = np.diff(p, axis=0) * m
+    """Velocity per interval of the object's material points p_O (n, m + 1, P, 3) at each sample, from the steps' twists (W)."""
+    m = R.shape[1] - 1
+    turn = rotvec(R[:, 1:] @ np.swapaxes(R[:, :-1], -1, -2)) * m
+    shift = np.diff(p, axis=1) * m
     # Samples take the mean of the steps on either side; the ends the only one they have.
-    omega = np.vstack([turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]])
-    v = np.vstack([shift[:1], 0.5 * (shift[1:] + shift[:-1]), shift[-1:]])
-    return v + np.cross(omega, np.einsum("sab,sb->sa", R, p_O))
+    omega, v = (
+        np.concatenate([d[:, :1], 0.5 * (d[:, 1:] + d[:, :-1]), d[:, -1:]], axis=1)[:, :, None] for d in (turn, shift)
+    )
+    return np.asarray(v + np.cross(omega, p_O @ np.swapaxes(R, -1, -2)))

@@ -1,117 +1,160 @@
-"""Passive contacts (paper §3): where static surfaces touch and carry the object."""
+"""Passive contacts (paper §3): where the faces, edges and vertices of the object touch static bodies, which carry it."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from mujoco import mjtGeom, mju_quat2Mat
+from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.errors import InputError
-from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID
+from regrasp.kernels.cores import POINT
+from regrasp.kernels.distances import Geoms, bounds_far, place
+from regrasp.kernels.features import TOUCH
+from regrasp.kernels.patches import ROOM, SCRATCH, SLOTS, contact, patch
 from regrasp.planner.hand import Hand, geom_index
 from regrasp.scene.world import World
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.uint8]
 
 SEPARATE, STICK, SLIDE = 0, 1, 2
 
-TOUCH = 2e-5  # m: an object this close to a support touches it
+COINCIDE = 1e-6  # m: slots of one support this close are one contact
+STEPS, EXACT = 16, 1e-10  # steps that put the object onto a support, and m to which they do
 
 
 @dataclass(frozen=True)
 class Support:
-    """A flat static surface: its outward normal and a point on it (W), friction, and the extent of a bounded face.
-
-    geom: index into Hand.geoms.
-    axes_W (2, 3), half (2,): directions and half sizes of the face about the point; half is inf for a plane.
-    """
+    """A static body that may touch and carry the object: its index into Hand.geoms, and the friction between them."""
 
     name: str
-    n_W: Array
-    p_W: Array
-    axes_W: Array
-    half: Array
-    mu: float
     geom: int
+    mu: float
 
-    def height(self, p_W: Array) -> float:
-        """Height of a point above the surface, m."""
-        return float(self.n_W @ (p_W - self.p_W))
 
-    def carries(self, p_W: Array) -> bool:
-        """Whether the point's foot lies on the face."""
-        return bool(np.all(np.abs(self.axes_W @ (p_W - self.p_W)) <= self.half))
+@dataclass(frozen=True)
+class Patch:
+    """Where a support touches the object.
+
+    n_W (3,): unit normal into the object. polygon (c, 3): corners in order, in W, on the object's surface: 1 is a point,
+    2 are the ends of a line.
+    """
+
+    n_W: Array
+    polygon: Array
+
+
+@dataclass(frozen=True)
+class Touches:
+    """Slots (`kernels.patches`) of A supports at S poses: n_W (S, A, 3), present (S, A, SLOTS), p_W (S, A, SLOTS, 3)."""
+
+    n_W: Array
+    present: NDArray[np.bool_]
+    p_W: Array
 
 
 def supports_of(world: World, hand: Hand) -> tuple[Support, ...]:
-    """The scene's supports as flat surfaces: a plane, or the face of a box that looks against gravity.
-
-    Raises InputError for other shapes.
-    """
+    """The scene's supports in their order."""
     index = geom_index(world)
-    found = []
-    g = np.array(world.scene.gravity)
-    for name, geom, mu in zip(world.scene.supports, world.support_geoms, world.support_friction, strict=True):
-        flat = np.empty(9)
-        mju_quat2Mat(flat, world.model.geom_quat[geom])
-        R, p = flat.reshape(3, 3), np.array(world.model.geom_pos[geom])
-        size = world.model.geom_size[geom]
-        match mjtGeom(int(world.model.geom_type[geom])):
-            case mjtGeom.mjGEOM_PLANE:
-                found.append(Support(name, R[:, 2], p, R[:, :2].T, np.full(2, np.inf), float(mu), index[int(geom)]))
-            case mjtGeom.mjGEOM_BOX:
-                axis = int(np.argmax(np.abs(R.T @ g)))
-                n = R[:, axis] * (-1.0 if R[:, axis] @ g > 0.0 else 1.0)
-                others = [a for a in range(3) if a != axis]
-                found.append(
-                    Support(name, n, p + size[axis] * n, R[:, others].T, size[others], float(mu), index[int(geom)])
-                )
-            case other:
-                shape = other.name.removeprefix("mjGEOM_").lower()
-                raise InputError("supports", f"{name!r} is a {shape}", "a plane or a box")
-    return tuple(found)
+    given = zip(world.scene.carriers, world.support_geoms, world.support_friction, strict=True)
+    return tuple(Support(name, index[int(geom)], float(mu)) for name, geom, mu in given)
 
 
-def lowest_points(kind: int, size: Array, d: Array) -> Array:
-    """Points (c, 3) of the object's surface, in O, that can carry it on a flat surface whose inward direction is d (unit).
+def facing(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> tuple[float, Array]:
+    """Distance of object and support, m (negative: how deep they overlap), and the unit normal in W, into the object."""
+    geoms, s, o = hand.geoms, support.geom, hand.object_geom
+    height, n = contact(
+        geoms.kind[s], geoms.core[s], geoms.radius[s], geoms.R_LG[s], geoms.p_LG[s],
+        geoms.kind[o], geoms.core[o], geoms.radius[o], np.ascontiguousarray(R_WO), np.ascontiguousarray(p_WO),
+    )  # fmt: skip
+    return height, np.array(n)
 
-    The touching set of a convex body is a point, a line or a face; it is given by its corners: end points of a line, the
-    corners of a box face, four points of a cylinder's face.
+
+def gap(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> float:
+    """Distance of the object from the support, m (negative: how deep they overlap)."""
+    return facing(hand, support, R_WO, p_WO)[0]
+
+
+def on_surface(hand: Hand, support: Support, p_W: Array) -> bool:
+    """Whether a point touches the support."""
+    geoms, s = hand.geoms, support.geom
+    height, _ = contact(
+        geoms.kind[s], geoms.core[s], geoms.radius[s], geoms.R_LG[s], geoms.p_LG[s],
+        POINT, np.zeros(3), 0.0, np.eye(3), np.ascontiguousarray(p_W),
+    )  # fmt: skip
+    return abs(height) <= TOUCH
+
+
+def moved_onto(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Array:
+    """p_WO such that the object, not turned, touches the support: moved along their normal, again and again.
+
+    Bodies apart keep their nearest points on the way, so that one step does; for such as overlap it is the way out.
     """
-    if kind == BOX:
-        corner = size[:3] - size[3]
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        return np.asarray(signs * corner + size[3] * d)
-    if kind == CAPSULE:
-        ends = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
-        return np.asarray(ends + size[0] * d)
-    if kind == CYLINDER:
-        ring, half = size[0] - size[3], size[1] - size[3]
-        across = np.array([d[0], d[1], 0.0])
-        length = float(np.linalg.norm(across))
-        u = across / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
-        v = np.array([-u[1], u[0], 0.0])
-        z = np.array([0.0, 0.0, 1.0])
-        rim = [u, -u, v, -v]
-        return np.array([ring * r + h * z + size[3] * d for h in (-half, half) for r in rim])
-    if kind == ELLIPSOID:
-        scaled = size[:3] * d
-        return np.asarray((size[:3] * scaled / np.linalg.norm(scaled))[None, :])
-    return np.asarray((size[0] * d)[None, :])
+    for _ in range(STEPS):
+        height, n_W = facing(hand, support, R_WO, p_WO)
+        if abs(height) <= EXACT:
+            break
+        p_WO = p_WO - height * n_W
+    return p_WO
 
 
-def touching(support: Support, kind: int, size: Array, R_WO: Array, p_WO: Array) -> list[tuple[Array, Array]]:
-    """Contacts of the object with the support at pose X_WO: [(p_O, n_W)], n from the support into the object."""
-    points = lowest_points(kind, size, R_WO.T @ -support.n_W)
-    found = []
-    for p_O in points:
-        p_W = R_WO @ p_O + p_WO
-        if abs(support.height(p_W)) <= TOUCH and support.carries(p_W):
-            found.append((p_O, support.n_W))
-    return found
+def patch_of(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Patch | None:
+    """The contact patch of the support and the object at pose X_WO, if they touch."""
+    height, n_W = facing(hand, support, R_WO, p_WO)
+    if abs(height) > TOUCH:
+        return None
+    geoms, s, o = hand.geoms, support.geom, hand.object_geom
+    polygon, present, points = np.empty((ROOM, 3)), np.zeros(SLOTS, np.uint8), np.zeros((SLOTS, 3))
+    count = patch(
+        geoms.kind[s], geoms.core[s], geoms.R_LG[s], geoms.p_LG[s],
+        geoms.kind[o], geoms.core[o], geoms.radius[o], np.ascontiguousarray(R_WO), np.ascontiguousarray(p_WO),
+        (n_W[0], n_W[1], n_W[2]), np.empty((SCRATCH, ROOM, 4)), polygon, present, points,
+    )  # fmt: skip
+    return Patch(n_W, polygon[:count])
 
 
-def gap(support: Support, kind: int, size: Array, R_WO: Array, p_WO: Array) -> float:
-    """Height of the object's lowest point above the support's surface, m (negative: below)."""
-    points = lowest_points(kind, size, R_WO.T @ -support.n_W)
-    return min(support.height(R_WO @ p + p_WO) for p in points)
+def touching(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> list[tuple[Array, Array]]:
+    """Contacts of the object with the support at pose X_WO, none of them twice: [(p_O, n_W)], n into the object."""
+    touches = patches_along(hand, (support,), R_WO[None], p_WO[None])
+    found: list[Array] = []
+    for p_W in touches.p_W[0, 0][touches.present[0, 0]]:
+        if all(np.linalg.norm(p_W - other) > COINCIDE for other in found):
+            found.append(p_W)
+    return [(R_WO.T @ (p_W - p_WO), touches.n_W[0, 0]) for p_W in found]
+
+
+def patches_along(hand: Hand, supports: tuple[Support, ...], R_WO: Array, p_WO: Array) -> Touches:
+    """The slots of the supports that touch the object at poses R_WO (S, 3, 3), p_WO (S, 3)."""
+    S, A = len(p_WO), len(supports)
+    n, present, points = np.zeros((S, A, 3)), np.zeros((S, A, SLOTS), np.uint8), np.zeros((S, A, SLOTS, 3))
+    ids = np.array([support.geom for support in supports], np.int64)
+    _along(
+        hand.geoms, hand.object_geom, ids, np.ascontiguousarray(R_WO), np.ascontiguousarray(p_WO), n, present, points
+    )
+    return Touches(n, present.astype(bool), points)
+
+
+@njit(cache=True, nogil=True)
+def _along(
+    geoms: Geoms, o: int, ids: Ints, R_WO: Array, p_WO: Array, n_W: Array, present: Flags, p_W: Array
+) -> None:  # fmt: skip
+    """Write the fields of `Touches` for the geoms `ids` and the object, geom o."""
+    R, p = np.empty((3, 3)), np.empty(3)
+    scratch, polygon = np.empty((SCRATCH, ROOM, 4)), np.empty((ROOM, 3))
+    for sample in range(len(p_WO)):
+        place(geoms, o, R_WO[sample], p_WO[sample], R, p)
+        for a in range(len(ids)):
+            s = ids[a]
+            R_S, p_S = geoms.R_LG[s], geoms.p_LG[s]
+            if bounds_far(p_S, geoms.bound[s], p, geoms.bound[o], TOUCH):
+                continue
+            height, n = contact(
+                geoms.kind[s], geoms.core[s], geoms.radius[s], R_S, p_S,
+                geoms.kind[o], geoms.core[o], geoms.radius[o], R, p,
+            )  # fmt: skip
+            n_W[sample, a, 0], n_W[sample, a, 1], n_W[sample, a, 2] = n
+            if abs(height) <= TOUCH:
+                patch(
+                    geoms.kind[s], geoms.core[s], R_S, p_S, geoms.kind[o], geoms.core[o], geoms.radius[o], R, p, n,
+                    scratch, polygon, present[sample, a], p_W[sample, a],
+                )  # fmt: skip

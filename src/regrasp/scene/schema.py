@@ -159,6 +159,10 @@ def _grasp_tag(value: Any) -> str:
     return "grasp: contacts" if isinstance(value, list | tuple) else "grasp: auto"
 
 
+def _supports_tag(value: Any) -> str:
+    return "supports: auto" if value == "auto" else "supports: names"
+
+
 def _model_tag(value: Any) -> str | None:
     if isinstance(value, dict):
         return "model: file" if "file" in value else f"model: {value.get('hand')}"
@@ -170,6 +174,10 @@ MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": Pla
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
+]
+Supports = Annotated[
+    Annotated[Literal["auto"], Tag("supports: auto")] | Annotated[tuple[str, ...], Tag("supports: names")],
+    Discriminator(_supports_tag),
 ]
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
@@ -215,7 +223,7 @@ class Scene(Strict):
     object: Object
     agents: tuple[AgentSpec, ...] = ()
     environment: tuple[Environment, ...] = ()
-    supports: tuple[str, ...] = ()
+    supports: Supports = ()
     friction: Friction = 0.7
     max_force: Force = 10.0
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
@@ -237,6 +245,11 @@ class Scene(Strict):
         """What may be named in `supports`: the environment, and the palm of a hand that has one."""
         palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
         return tuple(body.name for body in self.environment) + palm
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The bodies that may touch and carry the object: those named in `supports`, or with `auto` all that may be."""
+        return self.support_names if self.supports == "auto" else self.supports
 
     @model_validator(mode="after")
     def _names(self) -> "Scene":
@@ -272,7 +285,7 @@ def _name_problems(scene: Scene) -> Iterator[Problem]:
     for field, names in (
         ("agents.{}.name", [agent.name for agent in scene.agents]),
         ("environment.{}.name", [body.name for body in scene.environment]),
-        ("supports.{}", scene.supports),
+        ("supports.{}", scene.carriers),
         ("freedoms.{}", scene.freedoms),
         ("start.off.{}", scene.start.off),
     ):
@@ -281,7 +294,7 @@ def _name_problems(scene: Scene) -> Iterator[Problem]:
     for i, body in enumerate(scene.environment):
         if body.name in RESERVED:
             yield f"environment.{i}.name", f"{body.name!r} is reserved", f"not {', '.join(RESERVED)}"
-    for i, name in enumerate(scene.supports):
+    for i, name in enumerate(scene.carriers):
         if name not in scene.support_names:
             yield f"supports.{i}", f"no surface {name!r}", f"legal: {', '.join(scene.support_names) or 'none'}"
     legal = ", ".join(scene.agent_names)

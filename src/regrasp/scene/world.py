@@ -53,7 +53,7 @@ class World:
     xml, assets: the model as text with the files it needs, so that it outlives its sources. object_qpos: address of the
     object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind`.
     static_geoms: colliding geoms that cannot move, supports included; support_geoms, support_friction: in the order of
-    `scene.supports`. collision_pairs: geom ids (n, 2) that must never touch.
+    `scene.carriers`. collision_pairs: geom ids (n, 2) that must never touch.
     """
 
     scene: Scene
@@ -114,7 +114,7 @@ def build(scene: Scene) -> World:
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
     for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
         _set_friction(spec.geom(finger.tip), friction)
-    for name, friction in zip(scene.supports, _support_friction(scene), strict=True):
+    for name, friction in zip(scene.carriers, _support_friction(scene), strict=True):
         _set_friction(spec.geom(name), friction)
     try:
         xml = mjcf.text(spec)
@@ -148,7 +148,7 @@ def _frictions(scene: Scene) -> list[float]:
 
 def _support_friction(scene: Scene) -> list[float]:
     given = {body.name: body.friction for body in scene.environment}
-    return [given.get(name) or scene.friction for name in scene.supports]
+    return [given.get(name) or scene.friction for name in scene.carriers]
 
 
 def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
@@ -160,7 +160,7 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     static = (model.body_weldid[model.geom_bodyid] == 0) & colliding
     object_body = model.body("object").id
     object_geoms = np.flatnonzero(model.geom_bodyid == object_body)
-    supports = np.array([model.geom(name).id for name in scene.supports], dtype=np.int64)
+    supports = np.array([model.geom(name).id for name in scene.carriers], dtype=np.int64)
     tips = np.array([agent.tip_geom for agent in agents], dtype=np.int64)
     kind, size = solids.kind(scene.object)
     return World(

@@ -68,7 +68,7 @@ def name_findings(plan: Plan, world: World) -> list[Finding]:
     """The agents, joints and supports are the world's."""
     agents = tuple(agent.name for agent in world.agents)
     joints = tuple(world.model.joint(int(i)).name for agent in world.agents for i in agent.joints)
-    unknown = [name for name in plan.support_names if name not in world.scene.supports]
+    unknown = [name for name in plan.support_names if name not in world.scene.carriers]
     differ = int(plan.agent_names != agents) + int(plan.joint_names != joints) + len(unknown)
     return [Finding("names", "agents, joints or supports that are not the model's", differ, 0.0, "")]
 
