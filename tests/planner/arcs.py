@@ -20,7 +20,7 @@ from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
-from regrasp.planner.scan import Scan, new_scan
+from regrasp.planner.scan import DIRECTIONS, Scan, new_scan
 from regrasp.planner.terms import Shortcuts, Terms
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene
@@ -57,7 +57,7 @@ class Arc:
 
     def random(self, rng: np.random.Generator) -> Codes:
         """A random V."""
-        candidates = 2 * self.task.settings.local.relocation.candidates
+        candidates = DIRECTIONS * self.task.settings.local.relocation.candidates
         return random_motions(len(self.path.R_WO), len(self.task.names), candidates, rng)
 
     def motion(self, problem: ContactMotions) -> Motion:

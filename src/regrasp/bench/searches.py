@@ -25,7 +25,7 @@ from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
-from regrasp.planner.scan import new_scan
+from regrasp.planner.scan import DIRECTIONS, new_scan
 from regrasp.scene.load import load
 from regrasp.search import annealing as generic
 from regrasp.search.annealing import Settings as Annealing
@@ -49,7 +49,7 @@ class Job:
 
     def random_start(self, seed: int) -> Codes:
         """A random V."""
-        candidates = 2 * self.task.settings.local.relocation.candidates
+        candidates = DIRECTIONS * self.task.settings.local.relocation.candidates
         return random_motions(len(self.path.R_WO), len(self.task.names), candidates, np.random.default_rng(seed))
 
 

@@ -41,10 +41,12 @@ class Stance:
 class GraspSearch:
     """How a start grasp is found: random choices among the candidates, each improved agent by agent.
 
-    restarts: choices improved. friction_use: part of μ the start grasp may use, so that the motion has some left.
+    restarts: choices improved; tries: made at most to find so many that hold. friction_use: part of μ the start grasp may
+    use, so that the motion has some left.
     """
 
     restarts: int = 6
+    tries: int = 20_000
     friction_use: float = 0.6
 
 
@@ -264,6 +266,27 @@ def improve(
     return cost
 
 
+@njit(cache=True, nogil=True)
+def drawn(
+    hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
+    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array, lp: Program,
+    legal: NDArray[np.int64], counts: NDArray[np.int64], u: Array, at: int,
+) -> tuple[int, float]:  # fmt: skip
+    """The next random choice that holds: (row of u after it, its cost), inf where the numbers run out before; choice out.
+
+    legal (agents, ·): candidates, counts (agents,) of them; u (tries, agents): uniform on [0, 1), used from row `at` on.
+    """
+    for row in range(at, len(u)):
+        for a in range(len(agents)):
+            choice[a] = legal[a, whole(u[row, a] * counts[a])]
+        cost = grasp_cost(
+            hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, kept, ahead_R, ahead_p, np.inf, lp
+        )
+        if cost < np.inf:
+            return row + 1, cost
+    return len(u), np.inf
+
+
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
     settings: GraspSearch, rng: np.random.Generator,
@@ -311,15 +334,15 @@ def find_grasp(
     best, best_choice = np.inf, None
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
-    tries, improved = 0, 0
-    fixed = (hand, path, scan, terms, agents, rest_R, rest_p)
-    while improved < settings.restarts and tries < 200 * settings.restarts:
-        tries += 1
-        choice = np.array([rng.choice(free) for free in legal])
-        cost = grasp_cost(*fixed, choice, margins, kept, ahead_R, ahead_p, np.inf, lp)
+    counts, table = np.array([len(free) for free in legal]), np.full((len(agents), max(map(len, legal))), OUT)
+    for row, free in zip(table, legal, strict=True):
+        row[: len(free)] = free
+    u, at = rng.random((settings.tries, len(agents))), 0
+    fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
+    for _ in range(settings.restarts):
+        at, cost = drawn(*fixed, choice, margins, kept, ahead_R, ahead_p, lp, table, counts, u, at)
         if cost == np.inf:
-            continue
-        improved += 1
+            break
         cost = improve(*fixed, choice, margins, kept, ahead_R, ahead_p, cost, lp)
         if cost < best:
             best, best_choice = cost, choice

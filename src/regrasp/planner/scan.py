@@ -1,6 +1,7 @@
 """The scan of the object's surface for contacts (paper §3): where an agent can stand, and for how long it could stay there."""
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
 NEARER = 6  # steps towards a point of the surface that a short chain can touch
 SPINS = 6  # orientations about the tool's axis that an arm tries
+DIRECTIONS = 3
+LEAN = math.radians(75.0)  # from the normal, at which a tool's shaft still stands clear of a flat surface
 LOOKS = 4  # poses on the coming way at which a candidate is tried
 
 
@@ -44,8 +47,8 @@ class Relocation:
 class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
-    Each point stands twice, with two directions of the tool: against the normal, and half-way from there to its direction
-    at rest. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
+    Each point stands DIRECTIONS times, with as many directions of the tool: against the normal, half-way from there to its
+    direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
     or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
     of the coming way on which the contact can be kept, −1 unknown.
     """
@@ -73,9 +76,9 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints = int(np.max(np.diff(hand.chains.start)))
-    shape = (k, n + 1, 2 * len(p_O))
+    shape = (k, n + 1, DIRECTIONS * len(p_O))
     return Scan(
-        np.vstack([p_O, p_O]), np.vstack([n_O, n_O]), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
+        np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
         np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
     )  # fmt: skip
 
@@ -183,15 +186,20 @@ def candidate_free(
     q = hand.home[first:last].copy()
     R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
     a_O = -scan.n_O[c]
-    if 2 * c >= len(scan.p_O):
+    lean = DIRECTIONS * c // len(scan.p_O)
+    if lean > 0:
+        # By `lean` halves of the way from −n to the direction at rest.
         forward(hand.chains, i, q, R_WL, p_WL)
         tool_direction(hand, i, R_WO, R_WL, p)
+        along = -dot(p, scan.n_O[c])
         for x in range(3):
-            a_O[x] += p[x]
-        length = np.sqrt(np.sum(a_O * a_O))
-        if length < 0.5:
+            p[x] += along * scan.n_O[c, x]
+        across = np.sqrt(dot(p, p))
+        if across < 0.1:
             return False
-        a_O /= length
+        turn = min(0.5 * lean * np.arctan2(across, along), LEAN)
+        for x in range(3):
+            a_O[x] = np.cos(turn) * a_O[x] + np.sin(turn) * p[x] / across
     point, normal = scan.p[i, j, c], scan.n[i, j, c]
     point[:], normal[:] = scan.p_O[c], scan.n_O[c]
     reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
