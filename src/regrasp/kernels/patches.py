@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.cores import BOX, CYLINDER, PLANE, SEGMENT, support
 from regrasp.kernels.features import RIM, TOUCH, feature
 from regrasp.kernels.gjk import separation
-from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, plus
+from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, plus, triple
 from regrasp.kernels.surfaces import frame
 
 SLOTS = 16  # of the object's corners 0 … 7, then of the static body's
@@ -34,8 +34,8 @@ def contact(
 ) -> tuple[float, Triple]:  # fmt: skip
     """Signed distance in m of bodies S and O (not PLANE) at poses (R, p) in W, and the unit normal n from S into O.
 
-    Bodies that overlap by less than their radii, and cores that do not quite touch, have the exact normal of their nearest
-    points; otherwise see `gjk.separation`.
+    Exact while the cores are apart, so in contact wherever edges are rounded, and of an ellipsoid too; if even the cores
+    overlap, a way out as `gjk.separation` finds it.
     """
     if kind_S != PLANE:
         h, n = separation(kind_S, core_S, R_S, p_S, kind_O, core_O, R_O, p_O)
@@ -93,28 +93,15 @@ def _flatten(F: Array, count: int, o: Array, x: Triple, y: Triple, flat: Array) 
 
 @njit(cache=True, nogil=True)
 def _lift(
-    F: Array,
-    count: int,
-    flat: Array,
-    o: Array,
-    r: float,
-    x: Triple,
-    y: Triple,
-    n: Triple,
-    u: float,
-    v: float,
-    out: Array,
-) -> None:
+    F: Array, count: int, flat: Array, o: Array, r: float, x: Triple, y: Triple, n: Triple, u: float, v: float, out: Array
+) -> None:  # fmt: skip
     """out: the point of the object's surface over (u, v), r off that of its feature F along −n."""
-    if count <= 2:
-        t = 0.0
-        if count == 2:
-            a, b = flat[1, 0] - flat[0, 0], flat[1, 1] - flat[0, 1]
-            t = min(max((a * (u - flat[0, 0]) + b * (v - flat[0, 1])) / (a * a + b * b), 0.0), 1.0)
-        foot = (
-            F[0, 0] + t * (F[1, 0] - F[0, 0]), F[0, 1] + t * (F[1, 1] - F[0, 1]), F[0, 2] + t * (F[1, 2] - F[0, 2])
-        ) if count == 2 else (F[0, 0], F[0, 1], F[0, 2])  # fmt: skip
-    else:
+    foot = triple(F[0])
+    if count == 2:
+        a, b = flat[1, 0] - flat[0, 0], flat[1, 1] - flat[0, 1]
+        t = (a * (u - flat[0, 0]) + b * (v - flat[0, 1])) / (a * a + b * b)
+        foot = plus(F[0], min(max(t, 0.0), 1.0), minus(F[1], F[0]))
+    elif count > 2:
         m = cross(minus(F[count // 4], F[0]), minus(F[count // 2], F[0]))
         foot = plus(plus(o, u, x), v, y)
         foot = plus(foot, dot(m, minus(F[0], foot)) / dot(m, n), n)
