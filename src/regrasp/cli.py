@@ -178,13 +178,16 @@ def _plan(arguments: list[str]) -> Answer:
     with Reporter() as report:
         outcome = plan_scene(scene, seed, settings, report)
     seconds = time.perf_counter() - started
+    arcs = [str(arc) for arc in outcome.tried]
     if outcome.plan is None:
         failure = outcome.failure
         assert failure is not None
         _say(f"{scene.name}: no plan: {failure}")
-        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure)}
+        for arc in outcome.tried:
+            _say(f"tried: {arc}")
+        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure), "arcs": arcs}
     outcome.plan.save(output)
-    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary()}
+    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary(), "arcs": arcs}
     if outcome.failure is None:
         return DONE, answer
     _say(f"{scene.name}: the best plan so far, not feasible, is in {output}: {outcome.failure}")

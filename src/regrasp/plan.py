@@ -167,6 +167,7 @@ class Plan:
             "agents": list(self.agent_names),
             "motions": {name: count for name, count in motions.items() if count},
             "supports": sorted({name for p, name in enumerate(self.support_names) if np.any(self.support_mode[:, p])}),
+            "largest_force": float(np.linalg.norm(self.force_W, axis=-1).max(initial=0.0)),
             "largest_force_sum": float(normal.max(initial=0.0)),
             "energy": float(sum(row.min() for row in histories)),
             "found_after": [int(row.argmin()) for row in histories],

@@ -1,5 +1,6 @@
 """Every built-in scene, planned and checked."""
 
+import itertools
 import statistics
 import time
 from typing import Any
@@ -9,9 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from regrasp.bench.kernels import compile_kernels, say
-from regrasp.plan import RELOCATE
+from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.method import plan_scene
+from regrasp.planner.path import distance
 from regrasp.planner.task import Settings
+from regrasp.planner.turns import from_quaternion
 from regrasp.scene.load import builtin, load
 from regrasp.settings import read
 from regrasp.verify.check import check
@@ -26,12 +29,12 @@ def scenes(seeds: int) -> dict[str, Any]:
     rows = [scene_row(name, seeds) for name in builtin()]
     title = f"built-in scenes, {seeds} seeds, default settings"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("scene", "planned", "certified", "median s", "worst s", "intervals", "relocations"):
+    for heading in ("scene", "planned", "certified", "median s", "worst s", *COUNTS):
         table.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for row in rows:
         table.add_row(
             row["scene"], str(row["planned"]), str(row["certified"]), f"{row['seconds']:.2f}",
-            f"{row['slowest_seconds']:.2f}", *("-" if row[key] is None else f"{row[key]:g}" for key in COUNTS),
+            f"{row['slowest_seconds']:.2f}", *("-" if row[key] is None else f"{row[key]:.3g}" for key in COUNTS),
         )  # fmt: skip
     console = Console()
     console.print(table)
@@ -41,8 +44,17 @@ def scenes(seeds: int) -> dict[str, Any]:
     return {"passed": all(10 * row["certified"] >= 9 * seeds for row in rows), "seeds": seeds, "scenes": rows}
 
 
-COUNTS = ("intervals", "relocations")
-"""Medians over the plans found."""
+COUNTS = ("intervals", "relocations", "way", "force")
+"""Medians over the plans found. way: length of the object's path over that of the straight one; force: the largest of
+an agent, N."""
+
+
+def detour(plan: Plan, radius: float) -> float:
+    """Length of the object's path, way + radius · angle, over that of the straight path between its ends."""
+    p, R = plan.object_position.reshape(-1, 3), from_quaternion(plan.object_quaternion.reshape(-1, 4))
+    poses = list(zip(R, p, strict=True))
+    way = sum(distance(a, b, radius) for a, b in itertools.pairwise(poses))
+    return way / distance(poses[0], poses[-1], radius)
 
 
 def scene_row(name: str, seeds: int) -> dict[str, Any]:
@@ -64,7 +76,11 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         say(f"{name}, seed {seed}: {reason or 'certified'}, {seconds[-1]:.2f} s")
         if reason:
             reasons.append(f"seed {seed}: {reason}")
-    counts = ([len(plan.V) for plan in plans], [int(np.sum(plan.V == RELOCATE)) for plan in plans])
+    radius = max(scene.object.size)
+    counts = (
+        [len(plan.V) for plan in plans], [int(np.sum(plan.V == RELOCATE)) for plan in plans],
+        [detour(plan, radius) for plan in plans], [plan.summary()["largest_force"] for plan in plans],
+    )  # fmt: skip
     return {
         "scene": name,
         "planned": len(plans),

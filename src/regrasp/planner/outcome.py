@@ -54,6 +54,15 @@ class Tried:
     how: str
     failure: Failure | None
 
+    def __str__(self) -> str:
+        way = f"{self.kind} from {_place(self.start)} to {_place(self.goal)}"
+        return f"{way}: {self.failure or self.how}"
+
+
+def _place(pose: Pose) -> str:
+    """Where a pose is, in mm."""
+    return "(" + ", ".join(f"{1e3 * x:.0f}" for x in pose[1]) + ") mm"
+
 
 @dataclass(frozen=True)
 class Outcome:

@@ -20,6 +20,7 @@ Ints = NDArray[np.int64]
 LEAP = 0.15  # m that a body goes between two samples at most
 NEAR = 0.1  # rad or m that joints go between two looks for collisions
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
+ROUND = 6  # further ways where the object stands still: along the axes of W, beside it, over it and under it
 
 
 @njit(cache=True, nogil=True)
@@ -123,7 +124,19 @@ def travel(
     middle = np.empty(n_a)
     for a in range(n_a):
         middle[a] = hand.home[first + a] if way == WAYS - 1 else 0.5 * (q[start, a] + q[end, a])
-    if 0 < way < WAYS - 1:
+    if way >= WAYS:
+        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+        R_WO, a_O, n, p = path.R_WO[j, m // 2], np.empty(3), np.zeros(3), np.empty(3)
+        middle[:] = hand.home[first : first + n_a]
+        forward(hand.chains, i, middle, R_WL, p_WL)
+        tool_direction(hand, i, R_WO, R_WL, a_O)
+        n[(way - WAYS) // 2] = 1.0 - 2.0 * ((way - WAYS) % 2)
+        rotate_back(R_WO, n, n)
+        for a in range(3):
+            p[a] = hand.radius * n[a]
+        if not touch_down(hand, i, R_WO, path.p_WO[j, m // 2], p, n, high, a_O, middle, R_WL, p_WL):
+            return False
+    elif 0 < way < WAYS - 1:
         if not (lifts and lands):
             return False
         p, n = np.empty(3), np.empty(3)
@@ -237,7 +250,12 @@ def free_motion(
         return -1
     if found.holds[there] and not raise_tip(hand, path, found, j, i, there, m, whole(-1), high, q):
         return -1
-    for way in range(WAYS):
+    still = True
+    for a in range(3):
+        still = still and path.p_WO[j, 0, a] == path.p_WO[j, m, a]
+        for b in range(3):
+            still = still and path.R_WO[j, 0, a, b] == path.R_WO[j, m, a, b]
+    for way in range(WAYS + ROUND if still else WAYS):
         if travel(hand, path, found, j, i, here, there, whole(way), high, q) and way_clear(
             hand, path, found, j, i, at, to, high, clearance, q
         ):

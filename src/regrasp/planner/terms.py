@@ -29,6 +29,8 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 Codes = NDArray[np.int16]
 
+SCATTER = 6364136223846793005  # of a signature's digits: however many columns there are, different ones get different numbers
+
 
 @dataclass(frozen=True)
 class Energy:
@@ -213,7 +215,7 @@ def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, w
     key[0] = 2 * j - 1 if end == 0 and work.joined[j] else 2 * j + end
     signature = 0
     for i in range(k):
-        signature *= 3
+        signature *= SCATTER
         if not work.bears[i]:
             key[1 + i] = -1
         elif is_sliding(whole(work.codes[i])):
@@ -223,7 +225,7 @@ def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, w
             key[1 + i] = work.there[i] if end else work.here[i]
             signature += 2
     for column in range(path.support_mode.shape[1]):
-        signature = 3 * signature + path.support_mode[j, column]
+        signature = SCATTER * signature + path.support_mode[j, column]
     if work.shortcuts.memory:
         slot = slot_of(work.sums, key)
         if work.sums.taken[slot]:

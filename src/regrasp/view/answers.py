@@ -23,6 +23,8 @@ def plan(answer: dict[str, Any]) -> None:
         f"best V of each segment found after: {found} evaluations\n"
         f"contact motions: {motions}"
     )
+    for arc in answer["arcs"]:
+        print(f"arc: {arc}")
     for remark in answer["remarks"]:
         print(remark)
 
