@@ -88,6 +88,8 @@ BAD = [
     ("supports", "table", "supports: 'table' is not a list"),
     ("name", 3, "name: 3 is not a text"),
     ("model.fingers", "many", "model.fingers: 'many' is not a whole number"),
+    ("model.bases", [BASE["start"]["pose"]] * 2, "model: 2 bases for 3 fingers (one pose for each finger)"),
+    ("model.bases", [BASE["start"]["pose"]] * 3, "model: bases leave no ring for a palm to close (palm: false)"),
     ("model.palm", "perhaps", "model.palm: 'perhaps' is neither true nor false"),
 ]
 
@@ -156,7 +158,7 @@ def test_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
 
 
 def test_typing_error_in_a_built_in_name_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: fig2-planar"):
+    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: ball-roll"):
         load("fig3-pumma")
 
 

@@ -300,6 +300,31 @@ def test_model_file_that_is_missing_or_broken_is_refused(tmp_path: Path) -> None
     assert "\n" not in str(caught.value)
 
 
+def test_bases_stand_where_they_are_put_and_make_the_ring_where_they_are_put_on_it() -> None:
+    data = load("fig3-puma3").model_dump(mode="json")
+    data["model"] |= {"palm": False, "pose": {"position": [0.1, -0.2, 0.3], "euler": [0.4, -0.5, 0.6]}}
+    ring = build(validate(data)).model
+    angles = [2 * np.pi * i / 3 for i in range(3)]
+    data["model"]["bases"] = [
+        {"position": [0.33 * np.cos(a), 0.33 * np.sin(a), 0], "euler": [0, 0, a - np.pi]} for a in angles
+    ]
+    scene = validate(data)
+    placed = build(scene)
+    np.testing.assert_allclose(placed.model.body_pos, ring.body_pos, atol=1e-15)
+    turns = np.sum(placed.model.body_quat * ring.body_quat, axis=1)  # of either sign
+    np.testing.assert_allclose(np.abs(turns), 1.0, atol=1e-15)
+    assert scene.support_names == ()
+    # At rest a finger stretches along the x axis of its base, which the base's own pose may tilt.
+    data["model"]["bases"][0] = {"position": [0, 0, 0], "euler": [1.0, 0.7, -0.3]}
+    tilted = validate(data)
+    world = build(tilted)
+    start = mujoco.MjData(world.model)
+    start.qpos[:] = world.start
+    mujoco.mj_kinematics(world.model, start)
+    tool = start.geom_xmat[world.agents[0].tip_geom].reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(tool, tilted.model.pose.R @ tilted.model.bases[0].R @ [1.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_home_outside_the_limits_of_a_built_in_hand_is_refused() -> None:
     data = load("fig3-puma3").model_dump(mode="json")
     data["model"]["home"] = [0, 0, 3, 0, 0, 0]

@@ -68,6 +68,8 @@ def _home(hand: PumaHand | PlanarHand, name: str) -> Array:
     if hand.home is not None:
         return np.array(hand.home)
     home = PUMA_HOME.copy()
+    if hand.bases is not None:
+        return home
     # The arm works beside its own axis by d3; turned by this angle its plane holds the hand's axis.
     home[0] = math.asin(min(1.0, puma.D[2] * hand.scale / hand.ring))
     return home
@@ -101,14 +103,21 @@ def _attach_pumas(spec: mujoco.MjSpec, hand: PumaHand) -> None:
             size=[radius, half, 0],
             rgba=LINK_COLOUR,
         )
-    for i, name in enumerate(hand.finger_names):
-        angle = 2 * math.pi * i / hand.fingers
-        position = hand.ring * np.array([math.cos(angle), math.sin(angle), 0.0])
-        base = palm.add_body(name=f"{name}/base", pos=position, quat=about(2, angle + math.pi))
+    bases = _on_ring(hand) if hand.bases is None else [(base.p, base.wxyz) for base in hand.bases]
+    for name, (position, turn) in zip(hand.finger_names, bases, strict=True):
+        base = palm.add_body(name=f"{name}/base", pos=position, quat=turn)
         arm.attach(base, name)
         # These overlap by construction: the shoulder stands on the column; forearm and tool meet at the wrist.
         spec.add_exclude(bodyname1=f"{name}/base", bodyname2=f"{name}/link1")
         spec.add_exclude(bodyname1=f"{name}/link3", bodyname2=f"{name}/link6")
+
+
+def _on_ring(hand: PumaHand) -> list[tuple[Array, Array]]:
+    """Positions and attitudes, quaternions, of the bases in the palm's frame: evenly on the ring, facing its axis."""
+    angles = [2 * math.pi * i / hand.fingers for i in range(hand.fingers)]
+    return [
+        (hand.ring * np.array([math.cos(angle), math.sin(angle), 0.0]), about(2, angle + math.pi)) for angle in angles
+    ]
 
 
 def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:

@@ -76,7 +76,10 @@ class Environment(Strict):
 
 
 class PumaHand(Strict):
-    """Puma 560 fingers (or whole arms, at scale 1) evenly on a ring around a palm, the first on its +x side."""
+    """Puma 560 fingers (or whole arms, at scale 1) evenly on a ring around a palm, the first on its +x side.
+
+    With `bases` they stand at these poses in the palm's frame instead, each stretching along the x axis of its own.
+    """
 
     hand: Literal["puma"]
     fingers: Annotated[int, Field(ge=1, le=12)] = 3
@@ -87,6 +90,15 @@ class PumaHand(Strict):
     tip_radius: Length | None = None
     tool_length: Length | None = None
     home: tuple[JointValue, JointValue, JointValue, JointValue, JointValue, JointValue] | None = None
+    bases: tuple[Pose, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check_bases(self) -> "PumaHand":
+        if self.bases is not None and len(self.bases) != self.fingers:
+            raise fault(f"{len(self.bases)} bases for {self.fingers} fingers", "one pose for each finger")
+        if self.bases is not None and self.palm:
+            raise fault("bases leave no ring for a palm to close", "palm: false")
+        return self
 
     @property
     def finger_names(self) -> tuple[str, ...]:
