@@ -12,6 +12,8 @@ from benchmarks.jobs import problem_of, start_of
 from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.configurations import Configurations, Grasp
+from regrasp.planner.arcs import straight
+from regrasp.planner.legs import pieces_of
 from regrasp.planner.method import opening
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.outcome import Failure
@@ -69,7 +71,12 @@ def handed(k: int) -> Job:
     grasp = Grasp(
         four.q.reshape(4, -1)[rows].ravel(), four.holds[rows], four.p_OC[rows], four.p_TC[rows], four.R_OT[rows]
     )
-    return Job(task, first_path(task), grasp)
+    return Job(task, unheld(task), grasp)
+
+
+def unheld(task: Task) -> Path:
+    """The nominal path of a scene's first segment, whoever could hold the object along it."""
+    return pieces_of(task, straight(task.router.start_pose, task.router.goal_pose))[0]
 
 
 def changed(scene: Scene, **fields: Any) -> Scene:

@@ -58,6 +58,11 @@ class Arc:
         """Length of the path, m: way + radius · angle, never less than `path.distance` of its ends."""
         return self.way() + radius * self.angle
 
+    def halves(self) -> tuple["Arc", "Arc"]:
+        """Its two halves."""
+        w, d = 0.5 * self.w, 0.5 * self.d
+        return Arc(self.start, w, self.c, d, self.kind, self.on), Arc(self.pose(0.5), w, self.c + d, d, self.kind, self.on)
+
     def part(self, u: float, on: tuple[int, ...]) -> "Arc":
         """The first part of it."""
         return Arc(self.start, u * self.w, self.c, u * self.d, self.kind, on)

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 ORDERS = 6  # in which the agents take hold anew that are tried
+HALVINGS = 2  # of an arc along which no contacts can be kept
+SHORTEST = 8  # intervals of an arc that is halved
 STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
 
 
@@ -37,7 +39,7 @@ class Planned:
     """Segments of a leg up to the first that fails, the grasp at their end, how it was planned."""
 
     segments: list[Segment]
-    grasp: Grasp
+    grasp: Grasp | None
     how: str
     failure: Failure | None
 
@@ -142,45 +144,64 @@ def plan_leg(
 
     The coming arcs are looked at when agents take hold, so that they need not again soon.
     """
-    stage = f"segment {first + 1}"
-    whole = path_of(task, arcs[:1])
-    off = tuple(task.names.index(name) for name in task.world.scene.start.off) if first == 0 else ()
-    failure: Failure | None = None
-    if grasp is not None:
-        made = stay(task, whole, grasp, stage)
-        if not isinstance(made, Failure):
-            return Planned([made[0]], made[1], STAYED, None)
-        failure = made
-    taken: list[tuple[list[Segment], Grasp]] = []
-    if grasp is None or task.router.rests(arcs[0].start):
-        for count in dict.fromkeys((len(arcs), 1)):
-            stance = stance_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
-            if isinstance(stance, Failure):
-                failure = failure or stance
-                continue
-            before: list[Segment] = []
-            if grasp is None:
-                now = stance.grasp
-            else:
-                changed = take_hold(task, arcs[0].start, grasp, stance, stage)
-                if isinstance(changed, Failure):
-                    failure = changed
-                    continue
-                before, now = [changed[0]], changed[1]
-            taken.append((before, now))
-            made = stay(task, whole, now, stage)
-            if not isinstance(made, Failure):
-                return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
-            failure = made
-    ways = ([([], grasp)] if grasp is not None else []) + taken[-1:]
-    if not ways:
-        assert failure is not None
-        return failure
+    simple = without_search(task, arcs, grasp, first, rng, HALVINGS)
+    if isinstance(simple, Planned) and simple.failure is None:
+        return simple
+    ways: list[tuple[list[Segment], Grasp]] = [] if grasp is None else [([], grasp)]
+    if isinstance(simple, Planned) and simple.grasp is not None:
+        ways.append((simple.segments, simple.grasp))
+    found: Planned | Failure = simple
     for before, now in ways:
         found = annealed(task, arcs, before, now, first, rng, report, clock)
         if found.failure is None or clock.up():
             return found
     return found
+
+
+def without_search(
+    task: Task, arcs: list[Arc], grasp: Grasp | None, first: int, rng: np.random.Generator, halvings: int
+) -> Planned | Failure:
+    """The first of the arcs with contacts that stay, from the grasp at hand, or a new one where the object rests.
+
+    Where that fails, half of the arc, and from there the other half. A Planned with a failure has taken hold anew, but can't
+    keep those contacts.
+    """
+    stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
+    off = tuple(task.names.index(name) for name in task.world.scene.start.off) if first == 0 else ()
+    failed: Planned | Failure | None = None
+    if grasp is not None:
+        made = stay(task, whole, grasp, stage)
+        if not isinstance(made, Failure):
+            return Planned([made[0]], made[1], STAYED, None)
+        failed = made
+    if grasp is None or task.router.rests(arcs[0].start):
+        for count in dict.fromkeys((len(arcs), 1)):
+            stance = stance_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
+            if isinstance(stance, Failure):
+                failed = failed or stance
+                continue
+            before: list[Segment] = []
+            now = stance.grasp
+            if grasp is not None:
+                changed = take_hold(task, arcs[0].start, grasp, stance, stage)
+                if isinstance(changed, Failure):
+                    failed = failed or changed
+                    continue
+                before, now = [changed[0]], changed[1]
+            made = stay(task, whole, now, stage)
+            if not isinstance(made, Failure):
+                return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
+            failed = Planned(before, now, TOOK_HOLD, made)
+    if halvings > 0 and len(whole.R_WO) >= SHORTEST and task.router.rests(arcs[0].pose(0.5)):
+        one, two = arcs[0].halves()
+        there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, halvings - 1)
+        if isinstance(there, Planned) and there.failure is None:
+            count = first + len(there.segments)
+            rest = without_search(task, [two, *arcs[1:]], there.grasp, count, rng, halvings - 1)
+            if isinstance(rest, Planned) and rest.failure is None:
+                return Planned(there.segments + rest.segments, rest.grasp, TOOK_HOLD, None)
+    assert failed is not None
+    return failed
 
 
 def annealed(

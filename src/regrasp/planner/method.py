@@ -101,25 +101,27 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
             grasp = given
         arcs = [leg.arc for leg in route]
         planned = plan_leg(task, arcs, grasp, len(segments), rng, report, clock)
-        failed = planned if isinstance(planned, Failure) else planned.failure
+        if isinstance(planned, Failure):
+            planned = Planned([], grasp, "", planned)
+        failed = planned.failure
         tried.append(Tried(arcs[0].kind, arcs[0].start, arcs[0].goal, "" if failed else planned.how, failed))
         if failed:
             failure, stuck = failed, stuck + 1
-            broken = segments + (planned.segments if isinstance(planned, Planned) else [])
+            broken = segments + planned.segments
             task.router.failed(route[0])
             here = route[0].nodes[0]
             if stuck == settings.patience:
                 # The grasp at hand leads nowhere: begin again with another one, and with what the arcs have taught.
                 here, grasp, stuck, segments = task.router.restarted(), None, 0, []
             continue
-        assert isinstance(planned, Planned)
         grasp, stuck = planned.grasp, 0
         segments += planned.segments
         here = route[0].nodes[-1]
         if here == GOAL:
             plan = plan_of(task, segments, seed, True)
-            found = (None, plan) if isinstance(plan, Failure) else (plan, None)
-            return Outcome(*found, tuple(tried))
+            if isinstance(plan, Failure):
+                return Outcome(None, plan, tuple(tried))
+            return Outcome(plan, None, tuple(tried))
     if not clock.up():
         return Outcome(None, failure, tuple(tried))
     ended = out_of_time(settings.time_limit, len(segments), failure)

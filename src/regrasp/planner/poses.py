@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.planner.arcs import Arc, straight
+from regrasp.kernels.features import TOUCH
 from regrasp.planner.hand import Hand
 from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
 from regrasp.planner.path import Pose, distance
-from regrasp.planner.supports import TOUCH, Patch, Support, patch_of
+from regrasp.planner.supports import Patch, Support, patch_of
 from regrasp.planner.surroundings import Surroundings, gaps_at, go
 from regrasp.planner.turns import angle as angle_of
 from regrasp.planner.turns import from_quaternion, from_rotvec, rotvec

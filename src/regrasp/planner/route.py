@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.kernels.features import TOUCH
 from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
 from regrasp.planner.holding import arc_force, at_rest, touchable
@@ -19,7 +20,7 @@ from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Pose, distance
 from regrasp.planner.poses import GOAL, START, PoseGraph, Resolution
 from regrasp.planner.reserve import Margins
-from regrasp.planner.supports import TOUCH, Support
+from regrasp.planner.supports import Support
 from regrasp.planner.surroundings import gaps_at, surroundings_of
 from regrasp.search import astar
 
