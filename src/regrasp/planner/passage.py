@@ -5,7 +5,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.rotations import multiply_back
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
 from regrasp.planner.configurations import Configurations
@@ -13,7 +14,7 @@ from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
-from regrasp.planner.scan import tool_direction, touch_down
+from regrasp.planner.scan import tool_direction, touch_down, under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -53,10 +54,9 @@ def hover(
     """
     if not is_full(hand, i):
         return touch_down(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
-    R_WT, p_WT, p_TC, p = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    rotate_back(R_OT, n_O, p_TC)
+    R_WT, p_WT, p_TC, p = stack((3, 3)), stack(3), stack(3), stack(3)
+    under(hand, i, R_OT, n_O, p_TC)
     for x in range(3):
-        p_TC[x] *= -hand.size_T[i, 0]
         p[x] = p_O[x] + height * n_O[x]
     tip_target(R_WO, p_WO, p, p_TC, R_OT, R_WT, p_WT)
     return reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) < REACHED
@@ -81,7 +81,7 @@ def raise_tip(
     """
     m = path.R_WO.shape[1] - 1
     n_a = q.shape[1]
-    R_WL, p_WL, a_O, R_OT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(3), np.empty((3, 3))
+    R_WL, p_WL, a_O, R_OT = found.R_WL, found.p_WL, stack(3), stack((3, 3))
     forward(hand.chains, i, q[first], R_WL, p_WL)
     tool_direction(hand, i, path.R_WO[j, first], R_WL, a_O)
     multiply_back(path.R_WO[j, first], R_WL[n_a], R_OT)
@@ -124,11 +124,12 @@ def travel(
     if 0 < way < WAYS - 1:
         if not (lifts and lands):
             return False
-        p, n = np.empty(3), np.empty(3)
-        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+        p, n, a_O = stack(3), stack(3), stack(3)
         way_point(hand, found.p_OC[here], found.p_OC[there], p, n)
+        for a in range(3):
+            a_O[a] = -n[a]
         if not touch_down(
-            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, -n, middle, R_WL, p_WL
+            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, a_O, middle, found.R_WL, found.p_WL
         ):
             return False
     for s in range(start + 1, end):
@@ -172,12 +173,14 @@ def way_clear(
     rise = m // 4
     lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
     geoms, last = found.p_WG.shape[1], found.p_WB.shape[1] - 1
-    R_WL, p_WL, here = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(n_a)
+    R_WL, p_WL, here = found.R_WL, found.p_WL, np.empty(n_a)
     R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
     R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
-    for half in range(1, 2 * m):
+    for turn in range(1, 2 * m):
+        # From the middle, where most bodies are in the way, to both ends.
+        half = m + (turn // 2 if turn % 2 else -(turn // 2))
         s, u = half // 2, 0.5 * half / m
         for a in range(n_a):
             here[a] = q[s, a] if half % 2 == 0 else 0.5 * (q[s, a] + q[s + 1, a])
