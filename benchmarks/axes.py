@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from benchmarks.jobs import problem_of, start_of
 from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
-from regrasp.planner.configurations import Configurations, Grasp
 from regrasp.planner.arcs import straight
+from regrasp.planner.configurations import Configurations, Grasp
 from regrasp.planner.legs import pieces_of
 from regrasp.planner.method import opening
-from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
 from regrasp.planner.scan import Relocation
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.terms import Shortcuts
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene

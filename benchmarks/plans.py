@@ -10,8 +10,8 @@ from typing import Any
 
 from benchmarks.measure import Row, row, seconds_of
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Outcome
+from regrasp.planner.task import Settings
 from regrasp.scene.load import builtin, load
 from regrasp.scene.schema import Scene
 from regrasp.settings import read

@@ -21,8 +21,8 @@ from regrasp.control.reference import reference, taken_over
 from regrasp.control.yielding import beyond
 from regrasp.plan import Plan
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings
 from regrasp.planner.replan import Answer, Replanner
+from regrasp.planner.task import Settings
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
 from regrasp.settings import read

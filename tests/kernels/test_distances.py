@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, PLANE, POINT, SEGMENT, support
-from regrasp.kernels.distances import bounds_far, boxes_far, distance
+from regrasp.kernels.distances import boxes_far, distance
 
 KINDS = {"point": POINT, "segment": SEGMENT, "box": BOX, "cylinder": CYLINDER, "ellipsoid": ELLIPSOID, "plane": PLANE}
 SOLIDS = [k for k in KINDS if k != "plane"]
@@ -225,13 +225,6 @@ def test_a_limit_only_cuts_what_is_beyond_it(a: str, b: str) -> None:
         early = d(A, B, limit)
         assert early <= exact + 1e-8
         assert early > limit if exact > limit + 1e-8 else early == pytest.approx(exact, abs=1e-7)
-
-
-def test_bounding_balls() -> None:
-    p, q = np.zeros(3), np.array([0.0, 3.0, 4.0])
-    assert bounds_far(p, 1.0, q, 2.0, 1.999)
-    assert not bounds_far(p, 1.0, q, 2.0, 2.001)
-    assert not bounds_far(p, np.inf, q, 2.0, 0.0)
 
 
 @settings(max_examples=400, deadline=None)

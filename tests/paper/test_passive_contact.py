@@ -5,9 +5,9 @@ import numpy as np
 from regrasp.planner.chain import ContactMotions, anneal
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import opening
-from regrasp.planner.task import Settings, prepare
 from regrasp.planner.motions import OFF
 from regrasp.planner.scan import new_scan
+from regrasp.planner.task import Settings, prepare
 from regrasp.scene.load import load
 
 

@@ -16,11 +16,11 @@ from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import opening
-from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.scan import DIRECTIONS, Scan, new_scan
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.terms import Shortcuts, Terms
 from regrasp.scene.load import load, validate
 from regrasp.scene.schema import Scene

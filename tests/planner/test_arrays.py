@@ -7,7 +7,7 @@ import pytest
 from regrasp.errors import InputError
 from regrasp.kernels import cores
 from regrasp.kernels.chains import forward, jacobian
-from regrasp.kernels.distances import OBJECT, STATIC, place
+from regrasp.kernels.distances import OBJECT, STATIC
 from regrasp.planner.arrays import chains_from, geoms_from
 
 
@@ -92,7 +92,6 @@ def test_every_geom_stands_where_mujoco_has_it(seed: int) -> None:
     data.qpos[:] = np.random.default_rng(seed).uniform(-2, 2, model.nq)
     mujoco.mj_kinematics(model, data)
     links = [frames(chains, a, data.qpos[model.jnt_qposadr[joints[a]]]) for a in range(2)]
-    R_WG, p_WG = np.empty((3, 3)), np.empty(3)
     for g in range(model.ngeom):
         if geoms.agent[g] >= 0:
             R_WL, p_WL = (x[geoms.link[g]] for x in links[geoms.agent[g]])
@@ -100,7 +99,7 @@ def test_every_geom_stands_where_mujoco_has_it(seed: int) -> None:
             R_WL, p_WL = data.xmat[body].reshape(3, 3), data.xpos[body]
         else:
             R_WL, p_WL = np.eye(3), np.zeros(3)
-        place(geoms, g, R_WL, p_WL, R_WG, p_WG)
+        R_WG, p_WG = R_WL @ geoms.R_LG[g], R_WL @ geoms.p_LG[g] + p_WL
         np.testing.assert_allclose(R_WG, data.geom_xmat[g].reshape(3, 3), atol=1e-12)
         np.testing.assert_allclose(p_WG, data.geom_xpos[g], atol=1e-12)
     owner = {model.geom(g).name: geoms.agent[g] for g in range(model.ngeom)}

@@ -204,10 +204,10 @@ def test_what_shares_a_disturbance() -> None:
     def shared(codes: list[int], mode: int) -> np.ndarray:
         """δ σ of the agents, from what they have to spare; agent 2 does not bear."""
         path = replace(a.path, support_mode=np.full_like(a.path.support_mode, mode))
-        least, bears = np.full(3, np.nan), np.array([1, 1, 0], np.uint8)
-        spares(a.hand, path, ZERO, ZERO, bears, np.array(codes, np.int16), c.p, margins, least)
-        assert least[2] == 0.0
-        return (least[:2] - margins.grip) * np.sin(np.arctan(a.hand.mu[:2]))
+        lp, bears = program(EDGES * 4, 3), np.array([1, 1, 0], np.uint8)
+        spares(a.hand, path, ZERO, ZERO, bears, np.array(codes, np.int16), c.p, margins, lp)
+        assert lp.least[2] == 0.0
+        return (lp.least[:2] - margins.grip) * np.sin(np.arctan(a.hand.mu[:2]))
 
     axes = a.hand.shifts, a.hand.turns
     two, three = 0.1 * springs.shares(p[:2], *axes), 0.1 * springs.shares(p[[0, 1, 3]], *axes)
@@ -230,9 +230,9 @@ def test_the_plane_of_disturbances_is_that_of_the_world() -> None:
             support_p_O=a.path.support_p_O @ R.T,
             support_mode=a.path.support_mode * 0 + STICK,
         )
-        least = np.full((2, 3), np.nan)
+        one, other = program(EDGES * 4, 3), program(EDGES * 4, 3)
         straight = replace(a.path, support_mode=turned.support_mode)
-        spares(a.hand, straight, ZERO, ZERO, bears, codes, c.p, margins, least[0])
+        spares(a.hand, straight, ZERO, ZERO, bears, codes, c.p, margins, one)
         assert not a.hand.p_OM_O.any()
-        spares(a.hand, turned, ZERO, ZERO, bears, codes, c.p @ R.T, margins, least[1])
-        np.testing.assert_allclose(least[1], least[0], rtol=1e-9)
+        spares(a.hand, turned, ZERO, ZERO, bears, codes, c.p @ R.T, margins, other)
+        np.testing.assert_allclose(other.least, one.least, rtol=1e-9)

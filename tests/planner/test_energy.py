@@ -15,7 +15,7 @@ from regrasp.planner.local import random_motions
 from regrasp.planner.motions import OFF, ONTO, ROLL_X, SLIDE_MINUS_Y, SLIDE_X, STAY
 from regrasp.planner.supports import SLIDE, STICK
 from regrasp.planner.terms import Shortcuts, changes, loose
-from regrasp.scene.load import load
+from regrasp.scene.load import builtin, load
 
 PLACES = ("q", "holds", "R_WG", "p_WG", "lost", "own")
 CONTACTS = ("p_OC", "p_TC", "R_OT", "n_O")
@@ -106,7 +106,7 @@ def loose_at(a: Arc, codes: tuple[int, ...], holds: tuple[int, ...]) -> int:
     problem = a.problem(np.zeros((len(a.path.R_WO), len(codes)), np.int16))
     problem.current.V[0] = codes
     problem.found.holds[problem.current.at[0]] = holds
-    return loose(a.hand, a.path, problem.found, problem.current, 0)
+    return loose(a.hand, a.path, problem.found, problem.current, 0, -1)
 
 
 def test_stability_counts_the_contacts_that_stick() -> None:
@@ -131,6 +131,24 @@ def test_a_support_counts_where_the_object_sticks_to_it() -> None:
     for mode, missing in ((SLIDE, 1), (STICK, 0)):
         path = dataclasses.replace(a.path, support_mode=np.full_like(a.path.support_mode, mode))
         assert loose_at(dataclasses.replace(a, path=path), (STAY, SLIDE_X, SLIDE_X), (1, 1, 1)) == missing
+
+
+@pytest.mark.parametrize("name", builtin())
+def test_no_forces_are_less_than_the_floor(name: str) -> None:
+    """Of what holds the object, whoever slides, goes or is off; the floor is nothing where a support bears."""
+    a, rng = arc(name), np.random.default_rng(0)
+    problem = a.problem(np.full((len(a.path.R_WO), len(a.task.names)), STAY, np.int16))
+    floor, held = problem.work.floor, 0
+    borne = np.any((a.path.support_mode == STICK) | (a.path.support_mode == SLIDE), axis=1)
+    np.testing.assert_array_equal(floor > 0.5, ~borne)
+    assert np.all(floor[borne] == 0.0)
+    for _ in range(40):
+        V = np.where(rng.random(problem.current.V.shape) < 0.3, a.random(rng), STAY).astype(np.int16)
+        problem.reset(V)
+        holds = problem.current.e == 0.0
+        held += np.sum(holds)
+        assert np.all(problem.current.f[holds] >= floor[holds])
+    assert held > 10
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,8 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
-from regrasp.planner.method import opening
-from regrasp.planner.task import prepare
 from regrasp.planner.outcome import Failure
+from regrasp.planner.task import prepare
 from regrasp.scene.load import load
 
 NAMES = ("fig3-puma3", "fig4-relocation", "fig2-planar", "puma4-obstacles")

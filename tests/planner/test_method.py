@@ -17,8 +17,8 @@ from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Failure
+from regrasp.planner.task import Settings
 from regrasp.scene.load import builtin, dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from regrasp.planner.task import Settings, prepare
 from regrasp.planner.path import distance, interpolate
 from regrasp.planner.poses import AXES, START, PoseGrid, orientations, super_fibonacci
+from regrasp.planner.task import Settings, prepare
 from regrasp.scene.load import validate
 
 STEP = 0.6

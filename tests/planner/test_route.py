@@ -7,10 +7,10 @@ import pytest
 from arcs import Oracle, changed
 
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.outcome import Failure
 from regrasp.planner.poses import Node
 from regrasp.planner.route import GlobalPlanner
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import load
 
 

@@ -10,9 +10,9 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.features import TOUCH
-from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.path import nominal_path
 from regrasp.planner.supports import SEPARATE, SLIDE, STICK, gap, patch_of, touching
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import validate
 
 OBJECTS = {

@@ -5,8 +5,8 @@ import sys
 import time
 
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Report
+from regrasp.planner.task import Settings
 from regrasp.planner.warm import COMPILING
 from regrasp.scene.load import builtin, load
 from regrasp.search.annealing import Settings as Annealing

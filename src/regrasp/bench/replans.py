@@ -17,10 +17,10 @@ from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.along import interval_at, joints_at, pose_at
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.method import plan_scene
-from regrasp.planner.task import Settings
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Pose
 from regrasp.planner.replan import Answer, Replanner
+from regrasp.planner.task import Settings
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
 from regrasp.settings import read

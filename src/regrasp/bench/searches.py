@@ -19,13 +19,13 @@ from regrasp.planner.configurations import Grasp
 from regrasp.planner.energy import make_room
 from regrasp.planner.local import random_motions, terms_of
 from regrasp.planner.method import opening
-from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import DIRECTIONS, new_scan
+from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import load
 from regrasp.search import annealing as generic
 from regrasp.search.annealing import Settings as Annealing

@@ -42,6 +42,10 @@ class Program(Record):
     alpha: Array  # (N,) pivot row
     ratio: Array  # (N,) of the ratio test
     share: Array  # (1+G,) per group, entry 0 for columns without one
+    arm: Array  # (N / 8, 3) scratch for who fills the program, as are the three below: contacts from the centre of mass
+    sticks: NDArray[np.uint8]  # (N / 8,) whether they stick
+    sigma: Array  # (N / 8,) their shares in a disturbance
+    least: Array  # (G,) what a group bears at least
 
 
 def program(columns: int, groups: int) -> Program:
@@ -65,6 +69,10 @@ def program(columns: int, groups: int) -> Program:
         alpha=np.zeros(columns),
         ratio=np.zeros(columns),
         share=np.zeros(1 + groups),
+        arm=np.zeros((columns // 8, 3)),
+        sticks=np.zeros(columns // 8, np.uint8),
+        sigma=np.zeros(columns // 8),
+        least=np.zeros(groups),
     )
 
 

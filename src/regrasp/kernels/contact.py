@@ -23,7 +23,8 @@ from regrasp.kernels.rotations import Array, Triple, along, cross, dot, norm, pl
 from regrasp.kernels.surfaces import bend, field, frame
 
 Columns = tuple[Triple, Triple, Triple]
-Pair = tuple[int, Array, int, Array]
+Size = tuple[float, float, float, float]
+Pair = tuple[int, Size, int, Size]
 Motion = tuple[float, float, float, float]
 
 OK = 0
@@ -40,22 +41,30 @@ _OPPOSED = 1e-10
 _ITERATIONS = 20
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
+def _pair(kind_O: int, size_O: Array, kind_T: int, size_T: Array) -> Pair:
+    # An array is seven machine words to pass on, and its entries are read from memory anew wherever they are used.
+    return (
+        kind_O, (size_O[0], size_O[1], size_O[2], size_O[3]), kind_T, (size_T[0], size_T[1], size_T[2], size_T[3]),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, forceinline=True)
 def _columns(R: Array) -> Columns:
     return (R[0, 0], R[1, 0], R[2, 0]), (R[0, 1], R[1, 1], R[2, 1]), (R[0, 2], R[1, 2], R[2, 2])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _to_object(R: Columns, a: Triple) -> Triple:
     return plus(along(R[0], R[1], a[0], a[1]), a[2], R[2])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _to_tip(R: Columns, a: Triple) -> Triple:
     return dot(R[0], a), dot(R[1], a), dot(R[2], a)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _turn(w: Triple, R: Columns) -> Columns:
     """exp([w]) R."""
     s, c = rodrigues(dot(w, w))
@@ -67,7 +76,7 @@ def _turn(w: Triple, R: Columns) -> Columns:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     """The unit tangent x at normal n, carried to the normal m by the smallest rotation that takes n to m.
 
@@ -78,8 +87,8 @@ def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     return unit(plus(x, -dot(m, x), m))  # round-off would grow over many steps
 
 
-@njit(cache=True, nogil=True)
-def _retract(kind: int, size: Array, p: Triple) -> tuple[Triple, Triple]:
+@njit(cache=True, nogil=True, forceinline=True)
+def _retract(kind: int, size: Size, p: Triple) -> tuple[Triple, Triple]:
     """(point on the surface near p, outward unit normal there), by Newton's method along ∇F."""
     F, g = field(kind, size, p)
     for _ in range(_ITERATIONS):
@@ -92,8 +101,8 @@ def _retract(kind: int, size: Array, p: Triple) -> tuple[Triple, Triple]:
     return p, unit(g)
 
 
-@njit(cache=True, nogil=True)
-def _curvature(kind: int, size: Array, p: Triple, x: Triple, y: Triple) -> Triple:
+@njit(cache=True, nogil=True, forceinline=True)
+def _curvature(kind: int, size: Size, p: Triple, x: Triple, y: Triple) -> Triple:
     """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
     F, g = field(kind, size, p)
     length = norm(g)
@@ -101,7 +110,7 @@ def _curvature(kind: int, size: Array, p: Triple, x: Triple, y: Triple) -> Tripl
     return dot(x, bend_x) / length, dot(y, bend_x) / length, dot(y, bend_y) / length
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _solve(
     pair: Pair, p: Triple, c: Triple, R: Columns, x: Triple, y: Triple,
     turn_x: float, turn_y: float, v_x: float, v_y: float,
@@ -119,7 +128,7 @@ def _solve(
     return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant, S_O, S_T
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     """The chord under a geodesic arc of length and direction d at its middle, to third order: d − (dᵀSd) Sd/24."""
     t_x, t_y = S[0] * d_x + S[1] * d_y, S[1] * d_x + S[2] * d_y
@@ -127,7 +136,7 @@ def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     return along(x, y, d_x - k * t_x, d_y - k * t_y)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _rates(
     pair: Pair, p: Triple, c: Triple, R: Columns, n: Triple, x: Triple, command: Motion
 ) -> tuple[int, Triple, Triple, Triple]:
@@ -153,7 +162,7 @@ def contact_rates(
     n = unit(field(kind_O, size_O, p_OC)[1])
     x, y = frame(n)
     status, pdot, cdot, _ = _rates(
-        (kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT), n, x,
+        _pair(kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT), n, x,
         (dot(x, w_O), dot(y, w_O), dot(x, v_O), dot(y, v_O)),
     )  # fmt: skip
     pdot_O[0], pdot_O[1], pdot_O[2] = pdot
@@ -199,7 +208,7 @@ def settle(
     a correction that rolls and never slips, so the lengths of the two contact paths stay equal. p_OC and p_TC are in
     and out (untouched unless OK). Returns (status, angle between the normals at the start [rad]).
     """
-    status, gap, p, c, _ = _settle((kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT))
+    status, gap, p, c, _ = _settle(_pair(kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT))
     if status == OK:
         p_OC[0], p_OC[1], p_OC[2] = p
         p_TC[0], p_TC[1], p_TC[2] = c
@@ -270,10 +279,10 @@ def advance(
     After every substep the points lie on the surfaces and the normals oppose. No motion leaves the state untouched.
     Returns OK, or FLAT or LOST with the state at the last point reached.
     """
-    h = 1.0 / substeps
+    pair, h = _pair(kind_O, size_O, kind_T, size_T), 1.0 / substeps
     piece = (h * command[0], h * command[1], h * command[2], h * command[3])
     for _ in range(substeps):
-        status = _substep((kind_O, size_O, kind_T, size_T), piece, p_OC, p_TC, R_OT, x_O)
+        status = _substep(pair, piece, p_OC, p_TC, R_OT, x_O)
         if status != OK:
             return status
     return OK

@@ -11,6 +11,7 @@ from numba import njit
 from regrasp.kernels.chains import Chains, forward, jacobian
 from regrasp.kernels.rates import meet_task, solve
 from regrasp.kernels.rotations import Array, cross, dot, log, multiply_back, norm, rotate
+from regrasp.kernels.stack import stack
 
 ITERATIONS = 30  # steps of one inverse problem; neighbouring poses need two or three
 TOLERANCE = 1e-10  # m and rad: ten times finer than the 1e-9 that contacts are held to
@@ -98,7 +99,7 @@ def _converge(
     first = chains.start[a]
     n = chains.start[a + 1] - first
     lower, upper = chains.lower[first : first + n], chains.upper[first : first + n]
-    K, E, V, S = np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 6)), np.empty((2, n))
+    K, E, V, S = stack((6, 6)), stack((3, 3)), stack((3, 6)), np.empty((2, n))
     e, e_new, y, step, old = V[0], V[1], V[2], S[0], S[1]
     for i in range(n):
         q[i] = min(max(q[i], lower[i]), upper[i])

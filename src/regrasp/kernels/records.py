@@ -8,17 +8,18 @@ A record is one pointer to a table of machine words. Its fields are read as from
 # numba's extension interface is untyped.
 # mypy: disable-error-code="import-untyped, arg-type, attr-defined, no-untyped-call, untyped-decorator, override"
 
+import functools
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, dataclass_transform
 
 import numpy as np
 from llvmlite import ir
-from numba import typeof
 from numba.core import cgutils, types
 from numba.core.datamodel.models import OpaqueModel
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, lower_getattr_generic, register_model, unbox
 from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import from_dtype
 
 
 class RecordType(types.Type):
@@ -49,6 +50,12 @@ def words(kind: types.Type) -> int:
     return 1 + kind.ndim if isinstance(kind, types.Array) else 1
 
 
+@functools.cache
+def array_type(dtype: np.dtype[Any], axes: int, writeable: bool, aligned: bool) -> types.Array:
+    """The numba type of C-contiguous arrays: made once, as records of many arrays are made for every search."""
+    return types.Array(from_dtype(dtype), axes, "C", readonly=not writeable, aligned=aligned)
+
+
 @dataclass_transform(frozen_default=True, eq_default=False)
 class Record:
     """Base class of records: subclasses list their fields as a dataclass does and are frozen.
@@ -71,20 +78,20 @@ class Record:
                 members.append((field.name, value._numba_type_))
                 table.append(value._address)
             elif isinstance(value, np.ndarray):
-                kind = typeof(value)
-                if kind.layout != "C":
+                flags = value.flags
+                if not flags.c_contiguous:
                     raise TypeError(f"{type(self).__name__}.{field.name} is not a C-contiguous array")
-                members.append((field.name, kind))
+                members.append((field.name, array_type(value.dtype, value.ndim, flags.writeable, flags.aligned)))
                 table += [value.ctypes.data, *value.shape]
             else:
                 kind = types.int64 if field.type is int else types.float64
                 members.append((field.name, kind))
                 table.append(int(value) if field.type is int else int(np.float64(value).view(np.int64)))
-        kind = RecordType(type(self).__name__, tuple(members))
+        key = type(self).__name__, tuple(members)
         if self._numba_type_ is None:
-            type(self)._numba_type_ = kind
-        elif kind != self._numba_type_:
-            raise TypeError(f"{type(self).__name__} has fields {kind.key}, others of its kind {self._numba_type_.key}")
+            type(self)._numba_type_ = RecordType(*key)
+        elif key != self._numba_type_.key:
+            raise TypeError(f"{type(self).__name__} has fields {key}, others of its kind {self._numba_type_.key}")
         object.__setattr__(self, "_table", np.array(table, np.int64))
         object.__setattr__(self, "_address", self._table.ctypes.data)
 

@@ -22,11 +22,13 @@ from numba import njit
 
 from regrasp.kernels.rotations import Array, Triple, Vector, norm
 
+Size = Array | tuple[float, float, float, float]
+
 SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, PLANE = range(6)
 
 
 @njit(cache=True, nogil=True)
-def field(kind: int, size: Array, p: Vector) -> tuple[float, Triple]:
+def field(kind: int, size: Size, p: Vector) -> tuple[float, Triple]:
     """(F, ∇F) at the point p, a triple or an array; where F has a kink (axis, centre) ∇F is a one-sided gradient."""
     x, y, z = p[0], p[1], p[2]
     if kind == SPHERE or kind == CAPSULE:  # noqa: SIM109
@@ -62,7 +64,7 @@ def _rectangle(q_r: float, q_z: float, e: float) -> Triple:
 
 
 @njit(cache=True, nogil=True)
-def _box(size: Array, x: float, y: float, z: float) -> tuple[float, Triple]:
+def _box(size: Size, x: float, y: float, z: float) -> tuple[float, Triple]:
     e = size[3]
     q_x, q_y, q_z = abs(x) - (size[0] - e), abs(y) - (size[1] - e), abs(z) - (size[2] - e)
     s_x, s_y, s_z = 1.0 if x >= 0.0 else -1.0, 1.0 if y >= 0.0 else -1.0, 1.0 if z >= 0.0 else -1.0
@@ -78,7 +80,7 @@ def _box(size: Array, x: float, y: float, z: float) -> tuple[float, Triple]:
 
 
 @njit(cache=True, nogil=True)
-def bend(kind: int, size: Array, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
+def bend(kind: int, size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     """∇²F u at the point p, from F and g = ∇F there; p, g, u and the value are triples (p and u may be arrays)."""
     if kind == ELLIPSOID:
         return u[0] / (size[0] * size[0]), u[1] / (size[1] * size[1]), u[2] / (size[2] * size[2])
@@ -102,7 +104,7 @@ def bend(kind: int, size: Array, p: Vector, F: float, g: Triple, u: Vector) -> T
 
 
 @njit(cache=True, nogil=True)
-def _bend_cylinder(size: Array, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
+def _bend_cylinder(size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
     thin, low = size[0] <= size[3], size[1] <= size[3]  # the core is a segment, a disc, or a point
     if rho == 0.0:

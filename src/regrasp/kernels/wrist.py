@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import HINGE, Chains, forward
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm, plus, triple
+from regrasp.kernels.stack import stack
 from regrasp.kernels.subproblems import FREE, NO_ROOTS, Roots, about, beyond, roots, take, turned, turned_back
 
 NONE, PARALLEL, INTERSECTING = 0, 1, 2
@@ -250,7 +251,7 @@ def solve_all(chains: Chains, wrists: Wrists, a: int, R_WT: Array, p_WT: Array, 
     if wrists.kind[a] == NONE:
         return 0
     first = chains.start[a]
-    lower, upper, middle = chains.lower[first : first + 6], chains.upper[first : first + 6], np.empty(6)
+    lower, upper, middle = chains.lower[first : first + 6], chains.upper[first : first + 6], stack(6)
     for i in range(6):
         if lower[i] > -math.inf:
             middle[i] = 0.5 * (lower[i] + upper[i]) if upper[i] < math.inf else lower[i] + math.pi

@@ -61,7 +61,9 @@ class Arc:
     def halves(self) -> tuple["Arc", "Arc"]:
         """Its two halves."""
         w, d = 0.5 * self.w, 0.5 * self.d
-        return Arc(self.start, w, self.c, d, self.kind, self.on), Arc(self.pose(0.5), w, self.c + d, d, self.kind, self.on)
+        return Arc(self.start, w, self.c, d, self.kind, self.on), Arc(
+            self.pose(0.5), w, self.c + d, d, self.kind, self.on
+        )
 
     def part(self, u: float, on: tuple[int, ...]) -> "Arc":
         """The first part of it."""

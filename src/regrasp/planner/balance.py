@@ -69,15 +69,16 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp
 @njit(cache=True, nogil=True)
 def spares(
     hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int16], p_OC: Array,
-    margins: Margins, least: Array,
+    margins: Margins, lp: Program,
 ) -> None:  # fmt: skip
-    """least (k,): the normal force, in weights, that each agent has to spare, 0 for those that do not bear.
+    """lp.least (k,): the normal force, in weights, that each agent has to spare, 0 for those that do not bear.
 
     Supports on which the object sticks share the disturbance. A contact that slides counts for nothing, as it resists along
     its normal only; it has its grip to spare.
     """
     k, slots = len(bears), path.support_mode.shape[1]
-    p, sticks, share = np.zeros((k + slots, 3)), np.zeros(k + slots, np.uint8), np.zeros(k + slots)
+    p, sticks, share, least = lp.arm, lp.sticks, lp.sigma, lp.least
+    sticks[:] = 0
     for i in range(k):
         if bears[i] and not is_sliding(whole(codes[i])):
             sticks[i] = 1
@@ -123,8 +124,8 @@ def balance(
     for a in range(3):
         lp.b[a] = path.up_O[j, s, a]
         lp.b[3 + a] = 0.0
-    least = np.empty(len(bears))
-    spares(hand, path, j, s, bears, codes, p_OC, margins, least)
+    least = lp.least
+    spares(hand, path, j, s, bears, codes, p_OC, margins, lp)
     for i in range(len(bears)):
         cap = min(hand.cap[i], margins.slide) if is_sliding(whole(codes[i])) else hand.cap[i]
         lp.cap[i] = cap - least[i]

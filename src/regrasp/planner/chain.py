@@ -175,6 +175,7 @@ class ContactMotions:
 
     def evaluate(self, move: Change, bound: float) -> float:
         """E of the proposed V, or inf as soon as it is known to exceed the bound."""
+        make_room(self.found, self.work, self.current)
         self.trial.V[:] = move.V
         self._tried, *self._changed = evaluate(
             *self.model, move.agent, move.first, move.final, bound, self.current, self.trial

@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import cross, multiply_back, rotate_back, triple, unit
+from regrasp.kernels.rotations import cross, multiply_back, triple, unit
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import field, frame
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.scan import BARRED, Scan, candidate_free, under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
-SPARE = 2048  # configurations that are kept beyond four times those of a V: few enough to stay in a processor's cache
+SPARE = 1024  # configurations that are kept beyond four times those of a V: few enough to stay in a processor's cache
 UNKNOWN = 255
 
 
@@ -212,9 +213,7 @@ def standing(
     place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
     found.p_OC[c], found.n_O[c] = scan.p[i, j, candidate], scan.n[i, j, candidate]
     multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
-    rotate_back(found.R_OT[c], found.n_O[c], found.p_TC[c])
-    for a in range(3):
-        found.p_TC[c, a] *= -hand.size_T[i, 0]
+    under(hand, i, found.R_OT[c], found.n_O[c], found.p_TC[c])
     found.holds[c] = 1
     found.standing[i, j, candidate] = c
     return c
@@ -249,7 +248,7 @@ def follow_contact(
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     there = add(found)
     found.holds[there] = 1
-    q, n_end, x = found.q[there], found.n_O[there], np.empty(3)
+    q, n_end, x = found.q[there], found.n_O[there], stack(3)
     for a in range(n_a):
         q[a] = found.q[here, a]
     for a in range(3):

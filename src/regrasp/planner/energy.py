@@ -24,6 +24,7 @@ from regrasp.planner.terms import (
     collide,
     force_terms,
     interval_energy,
+    least_energy,
     loose,
     moves_freely,
     way_of,
@@ -54,7 +55,7 @@ def walk(
             for a in range(k):
                 if a != i:
                     new.V[j, a], new.at[j, a] = cur.V[j, a], cur.at[j, a]
-            least += terms.stability * loose(hand, path, found, new, j)
+            least += terms.stability * loose(hand, path, found, new, j, whole(-1))
             if least > room:
                 return j, least
         used = found.used[0]
@@ -97,8 +98,8 @@ def evaluate(
     if work.shortcuts.bound:
         limit = bound + 1e-9 * (1.0 + abs(bound))  # partial sums are added up in another order
     least = terms.change * changes(new.V)
-    for j in range(first):
-        least += interval_energy(terms, cur, j)
+    for j in range(n):
+        least += interval_energy(terms, cur, j) if j < first else least_energy(terms, work, j)
     if least > limit:
         return np.inf, first, first
     last = first
@@ -113,7 +114,7 @@ def evaluate(
                 if least > limit:
                     return np.inf, first, last
     for j in range(last, n):
-        least += interval_energy(terms, cur, j)
+        least += interval_energy(terms, cur, j) - least_energy(terms, work, j)
     for j in range(first, last):
         movers, own = 0, 0
         for a in range(k):
@@ -130,7 +131,7 @@ def evaluate(
                         own += new.touch[j, a, b]
             if moves_freely(new.V[j, a], found.holds[new.at[j, a]]) and not new.behind[j, a]:
                 movers += 1
-        new.h[j] = loose(hand, path, found, new, j)
+        new.h[j] = loose(hand, path, found, new, j, whole(-1))
         new.c[j] = max(0, movers - 1)  # one free motion at a time
         if i < 0:
             least += terms.stability * new.h[j]
@@ -139,7 +140,7 @@ def evaluate(
         return np.inf, first, last
     for j in range(first, last):
         force_terms(hand, path, terms, found, work, new, j)
-        least += terms.equilibrium * new.e[j] + terms.force * new.f[j]
+        least += terms.equilibrium * new.e[j] + terms.force * new.f[j] - least_energy(terms, work, j)
         if least > limit:
             return np.inf, first, last
     for j in range(first, last):

@@ -11,6 +11,7 @@ from regrasp.kernels.contact import advance
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.kernels.wrist import NONE, solve_near
 from regrasp.planner.hand import Hand
@@ -55,10 +56,12 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     if n_a < 6:
         return True
+    if n_a == 6:
+        J6 = stack((6, 6))
+        jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J6)
+        return turns_little(J6, hand.radius)
     J, qd = np.empty((6, n_a)), np.empty(n_a)
     jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J)
-    if n_a == 6:
-        return turns_little(J, hand.radius)
     v, w, got = np.zeros(3), np.zeros(3), np.empty(3)
     for a in range(3):
         v[a] = hand.radius
@@ -76,7 +79,8 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
 @njit(cache=True, nogil=True)
 def turns_little(J: Array, radius: float) -> bool:
     """Whether no entry of J⁻¹ (6, 6), its first three columns times the radius, is larger than AGILE; J is destroyed."""
-    X = np.zeros((6, 6))
+    X = stack((6, 6))
+    X[:] = 0.0
     for a in range(6):
         X[a, a] = radius if a < 3 else 1.0
     for a in range(6):
@@ -130,7 +134,7 @@ def reach_tip(
 
     Returns whether they are reached without a jump from the joints `before`.
     """
-    R_WT, p_WT = np.empty((3, 3)), np.empty(3)
+    R_WT, p_WT = stack((3, 3)), stack(3)
     tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
         return False

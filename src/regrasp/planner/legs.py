@@ -79,9 +79,7 @@ def rest_at(task: Task, pose: Pose, n: int) -> Path:
 
 
 def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
-    return nominal_path(
-        R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports
-    )
+    return nominal_path(R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports)
 
 
 def stance_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> Stance | Failure:

@@ -16,12 +16,12 @@ from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
-from regrasp.planner.task import Task
 from regrasp.planner.motions import STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.scan import touch_down
 from regrasp.planner.supports import gap, moved_onto
+from regrasp.planner.task import Task
 from regrasp.planner.terms import Energy
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Scene

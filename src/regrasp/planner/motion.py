@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.rotations import rotate_back
 from regrasp.kernels.surfaces import project
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full
@@ -81,25 +83,29 @@ def violated(
 ) -> tuple[Violation, ...]:  # fmt: skip
     """What breaks the constraints of paper §2, in the order of time, from what `trace` wrote and between its samples too."""
     found: list[Violation] = []
-    k = len(names)
-    owner = np.repeat(np.arange(k), np.diff(hand.chains.start))
-    bends = np.abs(np.diff(joints, 2, axis=1)).max(axis=1) > UNEVEN
+    k, start = len(names), hand.chains.start
     fine = between(joints)
-    outside = np.any((fine < hand.chains.lower - LIMIT) | (fine > hand.chains.upper + LIMIT), axis=1)
-    moving = (V >= ONTO) | ((V == OFF) & (holds == 1))
+    past = (fine < hand.chains.lower - LIMIT) | (fine > hand.chains.upper + LIMIT)
+    outside = np.logical_or.reduceat(past.any(axis=1), start[:-1], axis=1)
+    bends = np.abs(np.diff(joints, 2, axis=1)).max(axis=1) > UNEVEN
+    bent = np.logical_or.reduceat(bends, start[:-1], axis=1) & (bears == 1)
+    grazes = np.zeros(ends.shape, np.bool_)
+    for j, i in zip(*np.nonzero(ends), strict=True):
+        grazes[j, i] = least_gap(hand, path, j, i, fine[j][:, start[i] : start[i + 1]].copy()) < -GRAZE
+    crowded = np.sum((V >= ONTO) | ((V == OFF) & (holds == 1)), axis=1) > 1
     said = {LOST: "leaves its workspace while in contact", NO_WAY: "finds no free way to or from a contact"}
-    for j in range(len(V)):
+    wrong = np.any((broken > 0) | grazes | bent | outside | touched.any(axis=2), axis=1) | crowded | (held == 0)
+    for j in np.flatnonzero(wrong).tolist():
         for i in range(k):
-            mine = owner == i
             if broken[j, i]:
                 found.append(Violation("reach", j, names[i], said[int(broken[j, i])]))
-            if ends[j, i] and least_gap(hand, path, j, i, joints[j][:, mine].copy()) < -GRAZE:
+            if grazes[j, i]:
                 found.append(Violation("collision", j, names[i], "grazes the object as it lifts off or touches down"))
-            if bears[j, i] and np.any(bends[j, mine]):
+            if bent[j, i]:
                 found.append(Violation("reach", j, names[i], "comes too near to a singularity while in contact"))
-            if np.any(outside[j, mine]):
+            if outside[j, i]:
                 found.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
-        if np.sum(moving[j]) > 1:
+        if crowded[j]:
             found.append(Violation("collision", j, "", "more than one agent moves freely at a time"))
         for a, c in zip(*np.nonzero(touched[j]), strict=True):
             other = names[c] if c < k else ("a static body", "the object")[c - k]
@@ -114,21 +120,27 @@ def between(q: Array) -> Array:
     return np.asarray(values(q.shape[-2] - 1) @ q)
 
 
-def least_gap(hand: Hand, path: Path, j: int, i: int, q: Array) -> float:
-    """Least distance of agent i's tip from the object's surface in interval j, between the samples too, m."""
-    fine, m = between(q), len(q) - 1
-    n_a = q.shape[1]
-    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-    foot, n, least = np.empty(3), np.empty(3), np.inf
+def least_gap(hand: Hand, path: Path, j: int, i: int, fine: Array) -> float:
+    """Least distance of agent i's tip from the object's surface in interval j, m; its joints as `between` gives them."""
     R_WO = path.R_WO[j]
     part = np.arange(FINE)[:, None] / FINE
     # Between neighbouring samples the object turns about one axis.
     steps = from_rotvec(part * rotvec(R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2))[:, None]) @ R_WO[:-1, None]
-    turns = np.concatenate([steps.reshape(-1, 3, 3), R_WO[m:]])
-    for row, turn, place_W in zip(fine, turns, between(path.p_WO[j]), strict=True):
-        forward(hand.chains, i, row, R_WL, p_WL)
-        centre = turn.T @ (p_WL[n_a] - place_W)
-        least = min(least, project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0])
+    turns = np.concatenate([steps.reshape(-1, 3, 3), R_WO[-1:]])
+    return float(nearest(hand, i, fine, turns, between(path.p_WO[j])))
+
+
+@njit(cache=True, nogil=True)
+def nearest(hand: Hand, i: int, q: Array, R_WO: Array, p_WO: Array) -> float:
+    """Least distance of agent i's tip from the object's surface at the joints q (F, n_a) and the object's poses, m."""
+    n_a = q.shape[1]
+    R_WL, p_WL, p, n, least = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(3), np.empty(3), np.inf
+    for s in range(len(q)):
+        forward(hand.chains, i, q[s], R_WL, p_WL)
+        for a in range(3):
+            p[a] = p_WL[n_a, a] - p_WO[s, a]
+        rotate_back(R_WO[s], p, p)
+        least = min(least, project(hand.kind_O, hand.size_O, p, p, n) - hand.size_T[i, 0])
     return least
 
 

@@ -5,7 +5,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.rotations import multiply_back
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
 from regrasp.planner.configurations import Configurations
@@ -13,11 +14,12 @@ from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
-from regrasp.planner.scan import tool_direction, touch_down
+from regrasp.planner.scan import tool_direction, touch_down, under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 LEAP = 0.15  # m that a body goes between two samples at most
+WIDE = 0.35  # rad or m that joints go between two samples without a look at how far the bodies do
 NEAR = 0.1  # rad or m that joints go between two looks for collisions
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 ROUND = 6  # further ways where the object stands still: along the axes of W, beside it, over it and under it
@@ -56,10 +58,9 @@ def hover(
     """
     if not is_full(hand, i):
         return touch_down(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
-    R_WT, p_WT, p_TC, p = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    rotate_back(R_OT, n_O, p_TC)
+    R_WT, p_WT, p_TC, p = stack((3, 3)), stack(3), stack(3), stack(3)
+    under(hand, i, R_OT, n_O, p_TC)
     for x in range(3):
-        p_TC[x] *= -hand.size_T[i, 0]
         p[x] = p_O[x] + height * n_O[x]
     tip_target(R_WO, p_WO, p, p_TC, R_OT, R_WT, p_WT)
     return reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) < REACHED
@@ -84,7 +85,7 @@ def raise_tip(
     """
     m = path.R_WO.shape[1] - 1
     n_a = q.shape[1]
-    R_WL, p_WL, a_O, R_OT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(3), np.empty((3, 3))
+    R_WL, p_WL, a_O, R_OT = found.R_WL, found.p_WL, stack(3), stack((3, 3))
     forward(hand.chains, i, q[first], R_WL, p_WL)
     tool_direction(hand, i, path.R_WO[j, first], R_WL, a_O)
     multiply_back(path.R_WO[j, first], R_WL[n_a], R_OT)
@@ -139,11 +140,12 @@ def travel(
     elif 0 < way < WAYS - 1:
         if not (lifts and lands):
             return False
-        p, n = np.empty(3), np.empty(3)
-        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+        p, n, a_O = stack(3), stack(3), stack(3)
         way_point(hand, found.p_OC[here], found.p_OC[there], p, n)
+        for a in range(3):
+            a_O[a] = -n[a]
         if not touch_down(
-            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, -n, middle, R_WL, p_WL
+            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, a_O, middle, found.R_WL, found.p_WL
         ):
             return False
     for s in range(start + 1, end):
@@ -175,6 +177,23 @@ def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p:
 
 
 @njit(cache=True, nogil=True)
+def leaps(hand: Hand, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_G: Array) -> bool:
+    """Whether a body of agent i goes farther than LEAP between two rows of q; the others: scratch."""
+    before = np.empty_like(p_G)
+    for s in range(len(q)):
+        forward(hand.chains, i, q[s], R_WL, p_WL)
+        place_agent(hand, i, R_WL, p_WL, R_G, p_G)
+        for g in range(hand.geom_start[i + 1] - hand.geom_start[i]):
+            far = 0.0
+            for a in range(3):
+                far += (p_G[g, a] - before[g, a]) ** 2
+                before[g, a] = p_G[g, a]
+            if s > 0 and far > LEAP * LEAP:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def way_clear(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
     q: Array,
@@ -188,30 +207,27 @@ def way_clear(
     rise = m // 4
     lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
     geoms, last = found.p_WG.shape[1], found.p_WB.shape[1] - 1
-    R_WL, p_WL, here = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(n_a)
+    R_WL, p_WL, here = found.R_WL, found.p_WL, np.empty(n_a)
     R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
     R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
-    looks = 2
+    widest = 0.0
     for s in range(m):
         for a in range(n_a):
-            looks = max(looks, whole(np.ceil(abs(q[s + 1, a] - q[s, a]) / NEAR)))
-    p_S = found.p_WG[at[i]].copy()
-    for look in range(1, looks * m):
+            widest = max(widest, abs(q[s + 1, a] - q[s, a]))
+    if widest > WIDE and leaps(hand, i, q, R_WL, p_WL, R_G, p_G):
+        return False
+    looks = max(2, whole(np.ceil(widest / NEAR)))
+    half = looks * m // 2
+    for turn in range(1, looks * m):
+        # From the middle, where most bodies are in the way, to both ends.
+        look = half + (turn // 2 if turn % 2 else -(turn // 2))
         s, part, u = look // looks, (look % looks) / looks, look / (looks * m)
         for a in range(n_a):
             here[a] = q[s, a] if part == 0.0 else (1.0 - part) * q[s, a] + part * q[s + 1, a]
         forward(hand.chains, i, here, R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, R_G, p_G)
-        if look % looks == 0:
-            for g in range(hand.geom_start[i + 1] - hand.geom_start[i]):
-                far = 0.0
-                for a in range(3):
-                    far += (p_G[g, a] - p_S[g, a]) ** 2
-                    p_S[g, a] = p_G[g, a]
-                if far > LEAP * LEAP:
-                    return False
         blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], 1)
         if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
             return False

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.planner.arcs import Arc, straight
 from regrasp.kernels.features import TOUCH
+from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
 from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
 from regrasp.planner.path import Pose, distance
@@ -103,9 +103,7 @@ class PoseGraph:
     blocked: dict[int, Blocked] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.rotations = np.array(
-            orientations(self.freedoms, self.start[0], self.goal[0], self.resolution.angle)
-        )
+        self.rotations = np.array(orientations(self.freedoms, self.start[0], self.goal[0], self.resolution.angle))
         self.free = freedoms_of(self.freedoms)
         self._seen = [self.start[0]]
         self._cells: dict[object, int] = {}

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from regrasp.planner.configurations import Configurations, standing
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import RELOCATE, STAY, is_sliding, whole
+from regrasp.planner.motions import RELOCATE, STAY, whole
 from regrasp.planner.path import Path
 from regrasp.planner.scan import Scan, outlook_of
 from regrasp.planner.state import State
-from regrasp.planner.supports import STICK
-from regrasp.planner.terms import Terms, Work, interval_energy, sum_of_forces
+from regrasp.planner.terms import Terms, Work, interval_energy, least_energy, loose, sum_of_forces
 
 Array = NDArray[np.float64]
 
@@ -25,20 +24,26 @@ NEIGHBOURS = 4  # candidates after one that is barred that are asked in its stea
 
 
 @njit(cache=True, nogil=True)
-def indispensable(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, j: int) -> float:
-    """Part of the agents that bear without any one of which the others don't hold the object at the end of interval j.
+def with_indispensable(
+    hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, j: int, value: float, bound: float
+) -> float:
+    """A value, and `outlook` times the part of the agents that bear without any one of which the others don't hold the
+    object at the end of interval j; inf as soon as it is known not to be below the bound.
 
     Who bears and how is in `work`, as for `sum_of_forces`.
     """
-    count, lost = 0, 0
+    count, lost, total = 0, 0, value
+    for a in range(len(work.bears)):
+        count += work.bears[a]
     for a in range(len(work.bears)):
         if work.bears[a]:
-            count += 1
             work.bears[a] = 0
-            if sum_of_forces(hand, path, terms, found, work, j, whole(1)) == np.inf:
-                lost += 1
+            lost += sum_of_forces(hand, path, terms, found, work, j, whole(1)) == np.inf
             work.bears[a] = 1
-    return lost / max(count, 1)
+            total = value + terms.outlook * (lost / count)
+            if total >= bound:
+                return np.inf
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -61,22 +66,16 @@ def hopeless(
     """
     if bound == np.inf:
         return False
-    limit, least, stick = bound + 1e-9 * (1.0 + abs(bound)), 0.0, 0
-    for before in range(first):
-        least += interval_energy(terms, state, before)
-    others_bear(found, work, state, j, i)
-    for a in range(len(work.bears)):
-        if work.bears[a] and not is_sliding(whole(work.codes[a])):
-            stick += 1
-    for column in range(path.support_mode.shape[1]):
-        if path.support_mode[j, column] == STICK:
-            stick += 1
-    least += terms.stability * max(0, hand.needed - stick)
+    limit, least = bound + 1e-9 * (1.0 + abs(bound)), 0.0
+    for other in range(len(state.V)):
+        least += interval_energy(terms, state, other) if other < first else least_energy(terms, work, other)
+    least += terms.stability * loose(hand, path, found, state, j, i)
     if least > limit:
         return True
+    others_bear(found, work, state, j, i)
     for end in range(2):
         if sum_of_forces(hand, path, terms, found, work, j, whole(end)) == np.inf:
-            return bool(least + terms.equilibrium > limit)
+            return bool(least + terms.equilibrium - least_energy(terms, work, j) > limit)
     return False
 
 
@@ -93,6 +92,9 @@ def objective(
     the agents that could not be relocated from there; a contact that is about to leave the agent's reach would have to be
     relocated again at once, and others wait for their turn.
     """
+    kept = scan.kept[i, j + 1, candidate]
+    if kept >= 0.0 and work.floor[j] + terms.outlook * (1.0 - kept) >= bound:
+        return np.inf
     others_bear(found, work, state, j, i)
     work.codes[i], work.there[i], work.bears[i] = STAY, there, 1
     value = sum_of_forces(hand, path, terms, found, work, j, whole(1))
@@ -103,7 +105,7 @@ def objective(
     )
     if value >= bound:
         return np.inf
-    return value + terms.outlook * indispensable(hand, path, terms, found, work, j)
+    return with_indispensable(hand, path, terms, found, work, j, value, bound)
 
 
 @njit(cache=True, nogil=True)

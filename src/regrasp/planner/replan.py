@@ -14,9 +14,9 @@ from regrasp.planner.arcs import straight
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
+from regrasp.planner.legs import pieces_of
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
-from regrasp.planner.legs import pieces_of
 from regrasp.planner.method import end_pose
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, minus
+from regrasp.kernels.stack import stack
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,8 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
     if count == 0:
         return
     c = (c0 / count, c1 / count, c2 / count)
-    room = np.zeros((4, 3, 3))
+    room = stack((4, 3, 3))
+    room[0] = 0.0
     J, inverse, by_force, by_torque = room[0], room[1], room[2], room[3]
     for i in range(C):
         if sticks[i]:

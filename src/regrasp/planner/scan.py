@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse_point, turn_towards
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
@@ -48,9 +49,10 @@ class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands DIRECTIONS times, with as many directions of the tool: against the normal, half-way from there to its
-    direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …): status UNKNOWN, FREE (reachable, nothing fixed in the way)
-    or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
-    of the coming way on which the contact can be kept, −1 unknown.
+    direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …):
+    status UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
+    of the coming way on which the contact can be kept, −1 unknown. rest_W (k, 3): where the tip points at
+    rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
     """
 
     p_O: Array
@@ -60,6 +62,11 @@ class Scan(Record):
     n: Array
     q: Array
     kept: Array
+    rest_W: Array
+    R_WL: Array
+    p_WL: Array
+    R_WG: Array
+    p_WG: Array
 
 
 @functools.cache
@@ -75,11 +82,17 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     """The candidates on a near-uniform sampling of the object's surface, nothing known of them yet."""
     p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
-    joints = int(np.max(np.diff(hand.chains.start)))
+    joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     shape = (k, n + 1, DIRECTIONS * len(p_O))
+    R_WL, p_WL, rest_W = np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((k, 3))
+    for i in range(k):
+        first, last = hand.chains.start[i], hand.chains.start[i + 1]
+        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
+        rest_W[i] = R_WL[last - first] @ hand.axis_T[i]
     return Scan(
         np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
         np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
+        rest_W, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
     )  # fmt: skip
 
 
@@ -93,8 +106,8 @@ def aim(
     The tip turns from the seed's orientation by the shortest way, or where no solution is within the limits, then about a_O in
     SPINS steps. Returns whether there is one.
     """
-    Q, d, a, p, w = np.empty((8, 6)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    E, R, R_WT = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    Q, d, a, p, w = stack((8, 6)), stack(3), stack(3), stack(3), stack(3)
+    E, R, R_WT = stack((3, 3)), stack((3, 3)), stack((3, 3))
     r = hand.size_T[i, 0] + height
     for x in range(3):
         p[x] = p_O[x] + r * n_O[x]
@@ -141,7 +154,7 @@ def touch_down(
     """
     if hand.wrists.kind[i] != NONE:
         return aim(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
-    p, a = np.empty(3), np.empty(3)
+    p, a = stack(3), stack(3)
     r = hand.size_T[i, 0] + height
     for x in range(3):
         p[x] = p_O[x] + r * n_O[x]
@@ -175,7 +188,7 @@ def candidate_free(
     scan.status[i, j, c] = BARRED
     R_WO, p_WO = pose_at(path, j)
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
-    p = np.empty(3)
+    p, a_O = stack(3), stack(3)
     rotate(R_WO, scan.p_O[c], p)
     far = 0.0
     for x in range(3):
@@ -183,25 +196,27 @@ def candidate_free(
         far += (p[x] - hand.chains.p_WB[i, x]) ** 2
     if far > hand.reach[i] ** 2:
         return False
-    q = hand.home[first:last].copy()
-    R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-    a_O = -scan.n_O[c]
+    q, R_WL, p_WL = scan.q[i, j, c, : last - first], scan.R_WL, scan.p_WL
+    for a in range(last - first):
+        q[a] = hand.home[first + a]
+    for x in range(3):
+        a_O[x] = -scan.n_O[c, x]
     lean = DIRECTIONS * c // len(scan.p_O)
     if lean > 0:
         # By `lean` halves of the way from −n to the direction at rest.
-        forward(hand.chains, i, q, R_WL, p_WL)
-        tool_direction(hand, i, R_WO, R_WL, p)
+        rotate_back(R_WO, scan.rest_W[i], p)
         along = -dot(p, scan.n_O[c])
         for x in range(3):
             p[x] += along * scan.n_O[c, x]
-        across = np.sqrt(dot(p, p))
+        across = norm(p)
         if across < 0.1:
             return False
         turn = min(0.5 * lean * np.arctan2(across, along), LEAN)
         for x in range(3):
             a_O[x] = np.cos(turn) * a_O[x] + np.sin(turn) * p[x] / across
     point, normal = scan.p[i, j, c], scan.n[i, j, c]
-    point[:], normal[:] = scan.p_O[c], scan.n_O[c]
+    for x in range(3):
+        point[x], normal[x] = scan.p_O[c, x], scan.n_O[c, x]
     reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not is_full(hand, i):
         # A planar finger reaches a curve of the surface only: go on to the point under where its tip got to.
@@ -215,13 +230,10 @@ def candidate_free(
             reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not reached or not is_agile(hand, i, R_WL, p_WL):
         return False
-    geoms = hand.geom_start[i + 1] - hand.geom_start[i]
-    R_WG, p_WG = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    place_agent(hand, i, R_WL, p_WL, R_WG, p_WG)
-    if not stands_clear(hand, i, R_WG, p_WG, R_B, p_B, clearance):
+    place_agent(hand, i, R_WL, p_WL, scan.R_WG, scan.p_WG)
+    if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_B, p_B, clearance):
         return False
     scan.status[i, j, c] = FREE
-    scan.q[i, j, c, : last - first] = q
     return True
 
 
@@ -240,8 +252,7 @@ def hold_on(hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_
     """
     n = path.R_WO.shape[0]
     n_a = q.shape[1]
-    R_WL, p_WL, R_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty((3, 3))
-    p_WT, a = np.empty(3), np.empty(3)
+    R_WL, p_WL, R_WT, p_WT, a = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3), stack(3)
     for look in range(1, LOOKS + 1):
         R_WO, p_WO = pose_at(path, look_ahead(n, j, look))
         tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
@@ -271,19 +282,16 @@ def outlook_of(
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     q = np.zeros((LOOKS + 1, n_a))
     q[0] = scan.q[i, j, c, :n_a]
-    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-    geoms = hand.geom_start[i + 1] - hand.geom_start[i]
-    R_WG, p_WG = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    p_TC, R_OT = np.empty(3), np.empty((3, 3))
+    p_TC, R_OT = stack(3), stack((3, 3))
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
     kept = 0 if j < n else LOOKS
     if j < n:
         reached = hold_on(hand, path, j, i, scan.p[i, j, c], p_TC, R_OT, q)
         while kept < reached:
-            forward(hand.chains, i, q[kept + 1], R_WL, p_WL)
-            place_agent(hand, i, R_WL, p_WL, R_WG, p_WG)
+            forward(hand.chains, i, q[kept + 1], scan.R_WL, scan.p_WL)
+            place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
             ahead = look_ahead(n, j, kept + 1)
-            if not stands_clear(hand, i, R_WG, p_WG, R_WB[ahead], p_WB[ahead], clearance):
+            if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_WB[ahead], p_WB[ahead], clearance):
                 break
             kept += 1
     scan.kept[i, j, c] = kept / LOOKS
@@ -294,10 +302,15 @@ def outlook_of(
 def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
     """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     R_WO, _ = pose_at(path, j)
-    forward(hand.chains, i, scan.q[i, j, c, :n_a], R_WL, p_WL)
-    multiply_back(R_WO, R_WL[n_a], R_OT)
-    rotate_back(R_OT, scan.n[i, j, c], p_TC)
+    forward(hand.chains, i, scan.q[i, j, c, :n_a], scan.R_WL, scan.p_WL)
+    multiply_back(R_WO, scan.R_WL[n_a], R_OT)
+    under(hand, i, R_OT, scan.n[i, j, c], p_TC)
+
+
+@njit(cache=True, nogil=True)
+def under(hand: Hand, i: int, R_OT: Array, n_O: Array, p_TC: Array) -> None:
+    """p_TC = −r R_OTᵀ n, the point of agent i's spherical tip that touches where the object's normal is n."""
+    rotate_back(R_OT, n_O, p_TC)
     for a in range(3):
         p_TC[a] *= -hand.size_T[i, 0]

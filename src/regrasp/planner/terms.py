@@ -29,7 +29,8 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 Codes = NDArray[np.int16]
 
-SCATTER = 6364136223846793005  # of a signature's digits: however many columns there are, different ones get different numbers
+SCATTER = 6364136223846793005  # of a signature's digits, so that many columns, too, give different numbers
+BASES = 128  # kept: more than the ways in which four agents can bear, slide or do neither
 
 
 @dataclass(frozen=True)
@@ -116,14 +117,17 @@ class Work(Record):
     """What one chain of evaluations needs beside its states: what it remembers, scratch, counts.
 
     joined (n,): the force program at the start of the interval is that at the end of the one before, where nothing slides.
-    signature (1,): which columns the last force program had.
+    signatures (BASES,): which columns a force program had; bases (BASES, 6 + k): the basis at which the last such one ended.
+    floor (n,): the least sum of normal forces that can hold the object in the interval, whatever the agents do, in weights.
     """
 
     shortcuts: Shortcuts
     counts: Counts
     lp: Program
     joined: Flags
-    signature: Ints
+    signatures: Ints
+    bases: Ints
+    floor: Array
     pairs: Memory
     sums: Memory
     ways: Memory
@@ -149,10 +153,19 @@ def new_work(hand: Hand, path: Path, shortcuts: Shortcuts) -> Work:
     rows = [np.zeros((k, 3)) for _ in range(3)]
     counts = Counts(*(np.zeros(1, np.int64) for _ in range(4)))
     return Work(
-        shortcuts, counts, lp, joined, np.full(1, -1), new_memory(14, 1), new_memory(14, 1 + k), new_memory(10, 2 + 2 * k),
-        np.zeros(1, np.int64), np.zeros(1 + k, np.int64), np.zeros(2 + 2 * k, np.int64), np.zeros(k, np.uint8),
-        np.zeros(k, np.int16), np.zeros(k, np.int64), np.zeros(k, np.int64), *rows,
+        shortcuts, counts, lp, joined, np.full(BASES, -1), np.zeros((BASES, len(lp.basis)), np.int64), floor_of(hand, path),
+        new_memory(12, 1), new_memory(12, 1 + k), new_memory(10, 2 + 2 * k), np.zeros(1, np.int64), np.zeros(1 + k, np.int64),
+        np.zeros(2 + 2 * k, np.int64), np.zeros(k, np.uint8), np.zeros(k, np.int16), np.zeros(k, np.int64),
+        np.zeros(k, np.int64), *rows,
     )  # fmt: skip
+
+
+def floor_of(hand: Hand, path: Path) -> Array:
+    """`Work.floor`: a force of the length √(1 + μ²) is the most that a normal force of 1 makes, and supports cost nothing."""
+    alone = ~np.any((path.support_mode == STICK) | (path.support_mode == SLIDE), axis=1)
+    load = np.linalg.norm(path.up_O, axis=2).min(axis=1)
+    # Less a millionth: more than the round-off of a force program.
+    return np.asarray(alone * load * (1.0 - 1e-6) / np.sqrt(1.0 + np.max(hand.mu) ** 2), np.float64)
 
 
 @njit(cache=True, nogil=True)
@@ -167,15 +180,15 @@ def changes(V: Codes) -> int:
 
 
 @njit(cache=True, nogil=True)
-def loose(hand: Hand, path: Path, found: Configurations, state: State, j: int) -> int:
-    """h_j: how many sticking contacts interval j has too few to determine the object's pose.
+def loose(hand: Hand, path: Path, found: Configurations, state: State, j: int, but: int) -> int:
+    """h_j: how many sticking contacts interval j has too few to determine the object's pose, agent `but` (−1: none) left out.
 
     Agents that bear without sliding and supports on which the object sticks; a contact that slides follows the object.
     """
     stick = 0
     for i in range(state.V.shape[1]):
         code = state.V[j, i]
-        if code < RELOCATE and found.holds[state.at[j, i]] and not is_sliding(whole(code)):
+        if i != but and code < RELOCATE and found.holds[state.at[j, i]] and not is_sliding(whole(code)):
             stick += 1
     for column in range(path.support_mode.shape[1]):
         if path.support_mode[j, column] == STICK:
@@ -213,35 +226,39 @@ def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, w
     k = len(work.bears)
     key, slot = work.key_sum, 0
     key[0] = 2 * j - 1 if end == 0 and work.joined[j] else 2 * j + end
-    signature = 0
     for i in range(k):
-        signature *= SCATTER
         if not work.bears[i]:
             key[1 + i] = -1
         elif is_sliding(whole(work.codes[i])):
             key[1 + i] = -2 - work.there[i]
-            signature += 1
         else:
             key[1 + i] = work.there[i] if end else work.here[i]
-            signature += 2
-    for column in range(path.support_mode.shape[1]):
-        signature = SCATTER * signature + path.support_mode[j, column]
     if work.shortcuts.memory:
         slot = slot_of(work.sums, key)
         if work.sums.taken[slot]:
             return work.sums.values[slot]
+    signature = 0
+    for column in range(path.support_mode.shape[1]):
+        signature = SCATTER * signature + path.support_mode[j, column]
     for i in range(k):
+        signature *= SCATTER
         if work.bears[i]:
+            signature += 1 if is_sliding(whole(work.codes[i])) else 2
             c = work.there[i] if end else work.here[i]
             for a in range(3):
                 work.p[i, a], work.n[i, a] = found.p_OC[c, a], found.n_O[c, a]
                 work.t[i, a] = found.t_O[work.there[i], end, a]
-    warm = work.shortcuts.warm == 1 and work.signature[0] == signature
-    work.signature[0] = signature
+    # Another program's basis is of no use, and the last with the same columns may have been long ago.
+    basis = work.bases[signature % BASES]
+    warm = work.shortcuts.warm == 1 and work.signatures[signature % BASES] == signature
+    if warm:
+        work.lp.basis[:] = basis
     s = path.R_WO.shape[1] - 1 if end else 0
     held, value, pivots = balance(
         hand, path, j, s, work.bears, work.codes, work.p, work.n, work.t, terms.margins, warm, work.lp
     )
+    work.signatures[signature % BASES] = signature
+    basis[:] = work.lp.basis
     work.counts.programs[0] += 1
     work.counts.pivots[0] += pivots
     if not held:
@@ -287,6 +304,12 @@ def way_of(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Wo
     if work.shortcuts.memory:
         remember(work.ways, slot, key, way)
     return way
+
+
+@njit(cache=True, nogil=True)
+def least_energy(terms: Terms, work: Work, j: int) -> float:
+    """What e_j and f_j add to Eq. (1) at least: the forces that hold the object, or the want of them."""
+    return min(terms.equilibrium, terms.force * work.floor[j])
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.contact import advance
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place, place_agent, tip_hits
@@ -32,7 +33,7 @@ def trace_contact(
 ) -> bool:  # fmt: skip
     """`follow` with every sample kept: row 0 of all arrays (m + 1, …) is the start, the other rows are written."""
     m = path.R_WO.shape[1] - 1
-    y, foot = np.empty(3), np.empty(3)
+    y, foot = stack(3), stack(3)
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     step = command / m
@@ -102,7 +103,6 @@ def balanced(
     """Whether contact forces hold the object at every sample of interval j; p_OC, n_O, x_O (m + 1, k, 3)."""
     m, k = len(p_OC) - 1, len(bears)
     t, y = np.zeros((k, 3)), np.zeros(3)
-    work.signature[0] = -1
     for s in range(m + 1):
         for i in range(k):
             if bears[i] and is_sliding(whole(codes[i])):
