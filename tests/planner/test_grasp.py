@@ -77,8 +77,8 @@ def given(contacts: list[dict], position: list[float] | None = None, off: tuple[
     if position:
         pose["position"] = position
     task = prepare(changed(scene, start={"pose": pose, "grasp": contacts, "off": off}), SMALL)
-    path = arc_path(task, task.router.grid.start, task.router.grid.goal)[0]
-    return Arc(task, path, None), first_grasp(task, path, np.random.default_rng(0))
+    path = pieces_of(task, straight(task.router.start_pose, task.router.goal_pose))[0]
+    return Arc(task, path, None), given_grasp(task.hand, path, task.world.scene.start.grasp, task.names)
 
 
 def test_a_grasp_given_by_points_touches_there() -> None:

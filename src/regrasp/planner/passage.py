@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import multiply_back
+from regrasp.kernels.rotations import multiply_back, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
@@ -126,16 +126,18 @@ def travel(
     for a in range(n_a):
         middle[a] = hand.home[first + a] if way == WAYS - 1 else 0.5 * (q[start, a] + q[end, a])
     if way >= WAYS:
-        R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
-        R_WO, a_O, n, p = path.R_WO[j, m // 2], np.empty(3), np.zeros(3), np.empty(3)
-        middle[:] = hand.home[first : first + n_a]
-        forward(hand.chains, i, middle, R_WL, p_WL)
-        tool_direction(hand, i, R_WO, R_WL, a_O)
+        R_WO, a_O, n, p = path.R_WO[j, m // 2], stack(3), stack(3), stack(3)
+        for a in range(n_a):
+            middle[a] = hand.home[first + a]
+        forward(hand.chains, i, middle, found.R_WL, found.p_WL)
+        tool_direction(hand, i, R_WO, found.R_WL, a_O)
+        for a in range(3):
+            n[a] = 0.0
         n[(way - WAYS) // 2] = 1.0 - 2.0 * ((way - WAYS) % 2)
         rotate_back(R_WO, n, n)
         for a in range(3):
             p[a] = hand.radius * n[a]
-        if not touch_down(hand, i, R_WO, path.p_WO[j, m // 2], p, n, high, a_O, middle, R_WL, p_WL):
+        if not touch_down(hand, i, R_WO, path.p_WO[j, m // 2], p, n, high, a_O, middle, found.R_WL, found.p_WL):
             return False
     elif 0 < way < WAYS - 1:
         if not (lifts and lands):

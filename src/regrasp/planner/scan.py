@@ -50,9 +50,9 @@ class Scan(Record):
 
     Each point stands DIRECTIONS times, with as many directions of the tool: against the normal, half-way from there to its
     direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …):
-    status UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part
-    of the coming way on which the contact can be kept, −1 unknown. rest_W (k, 3): where the tip points at
-    rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
+    status UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; p, n: the candidate, moved to where an agent of fewer
+    than six joints can touch; q: joints there; kept: part of the coming way on which the contact can be kept, −1 unknown.
+    rest_W (k, 3): where the tip points at rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
     """
 
     p_O: Array

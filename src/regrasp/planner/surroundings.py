@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.cores import PLANE
 from regrasp.kernels.distances import distance
+from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import exp, multiply
 from regrasp.planner.hand import Hand
-from regrasp.planner.supports import TOUCH, Support
+from regrasp.planner.supports import Support
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
