@@ -5,6 +5,9 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
+from regrasp.planner.arcs import straight
+from regrasp.planner.grasp import given_grasp
+from regrasp.planner.legs import pieces_of
 from regrasp.planner.outcome import Failure
 from regrasp.planner.task import prepare
 from regrasp.scene.load import load
