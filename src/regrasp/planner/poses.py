@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
 from regrasp.planner.arcs import Arc, straight
+from regrasp.kernels.surfaces import SPHERE
 from regrasp.planner.hand import Hand
 from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
 from regrasp.planner.path import Pose, distance
 from regrasp.planner.supports import Patch, Support, patch_of
 from regrasp.planner.surroundings import Surroundings, gaps_at, go
-from regrasp.planner.turns import angle as angle_of
 from regrasp.planner.turns import from_quaternion, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
 START, GOAL = 0, 1
+CELL = 0.75  # of a step: less than one, so that no two points of the lattice share a cell
 AROUND = 12  # orientations next to one
 THERE = (5e-5, 5e-4)  # m and rad: an arc that ends so near the goal ends there
 LIMITS = 7  # halvings that find where the object no longer rests
@@ -66,6 +67,12 @@ def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: flo
     return found
 
 
+def angles(rotations: Array, R: Array) -> Array:
+    """Angles (n,) between rotations (n, 3, 3) and R, from the chords that their columns make: ‖R_i − R‖ = √8 sin(θ/2)."""
+    chord = np.sqrt(np.sum((rotations - R) ** 2, axis=(1, 2)) / 8.0)
+    return np.asarray(2.0 * np.arcsin(np.minimum(chord, 1.0)))
+
+
 @dataclass(frozen=True)
 class Resolution:
     """How finely the poses are searched: m between positions, rad between orientations, m of clearance from obstacles."""
@@ -105,7 +112,7 @@ class PoseGraph:
     def __post_init__(self) -> None:
         self.rotations = np.array(orientations(self.freedoms, self.start[0], self.goal[0], self.resolution.angle))
         self.free = freedoms_of(self.freedoms)
-        self._seen = [self.start[0]]
+        self._seen = self.start[0][None]
         self._cells: dict[object, int] = {}
         self._ways: dict[int, list[int]] = {}
         self._rest: dict[int, bool] = {}
@@ -130,12 +137,13 @@ class PoseGraph:
         return [patch for patch in found if patch is not None]
 
     def _cell(self, pose: Pose, held: tuple[int, ...]) -> object:
-        p = np.round((pose[1] - self.start[1]) / (0.5 * self.resolution.step)).astype(int)
-        seen = np.array(self._seen)
-        far = angle_of(seen @ pose[0].T)
+        p = np.round((pose[1] - self.start[1]) / (CELL * self.resolution.step)).astype(int)
+        if self.hand.kind_O == SPHERE:
+            return (*p.tolist(), held)
+        far = angles(self._seen, pose[0])
         turn = int(np.argmin(far))
         if far[turn] > 0.4 * self.resolution.angle:
-            self._seen.append(pose[0])
+            self._seen = np.concatenate([self._seen, pose[0][None]])
             turn = len(self._seen) - 1
         return (*p.tolist(), turn, held)
 
@@ -214,7 +222,9 @@ class PoseGraph:
 
     def _beside(self, R: Array) -> list[Array]:
         """Orientations of the set next to R, and the goal's."""
-        far = angle_of(self.rotations @ R.T)
+        if self.hand.kind_O == SPHERE:
+            return [self.goal[0]] if angles(self.goal[0][None], R)[0] > SAME[1] else []
+        far = angles(self.rotations, R)
         order = np.argsort(far, kind="stable")
         near = [int(a) for a in order if SAME[1] < far[a]][:AROUND]
         near = [a for a in near if far[a] <= 1.6 * self.resolution.angle] or near[:4]
@@ -223,7 +233,7 @@ class PoseGraph:
     def near_goal(self, pose: Pose) -> bool:
         """Whether a pose counts as the goal."""
         apart = float(np.linalg.norm(pose[1] - self.goal[1]))
-        return apart <= THERE[0] and float(angle_of(pose[0] @ self.goal[0].T)) <= THERE[1]
+        return apart <= THERE[0] and float(angles(self.goal[0][None], pose[0])[0]) <= THERE[1]
 
     def _joined(self, node: int, arc: Arc) -> int | None:
         """The node at the end of an arc from `node`, which is made if there is none; None where another one has its cell."""
@@ -239,7 +249,7 @@ class PoseGraph:
                 self.held.append(held)
             other = self._cells[cell]
             there = self.poses[other]
-            if np.linalg.norm(there[1] - end[1]) > SAME[0] or float(angle_of(there[0] @ end[0].T)) > SAME[1]:
+            if np.linalg.norm(there[1] - end[1]) > SAME[0] or angles(there[0][None], end[0])[0] > SAME[1]:
                 arc, body = self.went(straight(self.poses[node], there, arc.kind), self.held[node])
                 if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]):
                     return None
