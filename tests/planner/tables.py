@@ -1,7 +1,5 @@
 """Bodies on a table, before a wall and over an edge, with two fingers in reach: small scenes, each made ready once."""
 
-import functools
-
 import numpy as np
 from arcs import Oracle
 from numpy.typing import NDArray
@@ -39,21 +37,24 @@ ROUTE = GlobalPlanner()
 ALL = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@functools.cache
+MADE: dict[str, Task] = {}
+
+
 def task(
     shape: str, supports: tuple[str, ...] = (), obstacles: tuple[str, ...] = (), freedoms: tuple[str, ...] = ALL,
     start: tuple[float, ...] = (0.0, 0.0, 0.1), goal: tuple[float, ...] = (0.0, 0.0, 0.1),
     route: GlobalPlanner = ROUTE, **fields: object,
 ) -> Task:  # fmt: skip
-    """A scene: start and goal are x, y, z and Euler angles, if any."""
-    made = validate(
-        {
-            "name": "table", "model": HAND, "object": OBJECTS[shape], "supports": list(supports),
-            "environment": [{"name": name, "friction": 0.5, **BODIES[name]} for name in (*supports, *obstacles)],
-            "freedoms": list(freedoms), "start": {"pose": placed(start)}, "goal": {"pose": placed(goal)}, **fields,
-        }
-    )  # fmt: skip
-    return prepare(made, Settings(route=route))
+    """A scene, made ready once: start and goal are x, y, z and Euler angles, if any; other fields as in a scene file."""
+    scene = {
+        "name": "table", "model": HAND, "object": OBJECTS[shape], "supports": list(supports),
+        "environment": [{"name": name, "friction": 0.5, **BODIES[name]} for name in (*supports, *obstacles)],
+        "freedoms": list(freedoms), "start": {"pose": placed(start)}, "goal": {"pose": placed(goal)}, **fields,
+    }  # fmt: skip
+    key = f"{scene} {route}"
+    if key not in MADE:
+        MADE[key] = prepare(validate(scene), Settings(route=route))
+    return MADE[key]
 
 
 def placed(pose: tuple[float, ...]) -> dict[str, list[float]]:
