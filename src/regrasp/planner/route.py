@@ -161,7 +161,7 @@ class Router:
             search = astar.init(self, start, GOAL, self.penalties, s.weight, s.nodes)
             while isinstance(outcome := astar.step(search), astar.Progress):
                 if outcome.expanded % 20 == 0:
-                    report(Progress("route", outcome.expanded, s.nodes, self.heuristic(outcome.node), outcome.bound))
+                    report(Progress("route", outcome.expanded, s.nodes, math.nan, math.nan))
                 if stop() or len(self.graph.poses) > s.poses:
                     break
             if isinstance(outcome, astar.Path):
