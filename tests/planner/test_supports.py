@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.features import TOUCH
 from regrasp.planner.path import nominal_path
-from regrasp.planner.supports import SEPARATE, SLIDE, STICK, gap, patch_of, touching
+from regrasp.planner.supports import SEPARATE, SLIDE, STICK, gap, moved_onto, patch_of, touching
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import validate
 
@@ -68,7 +68,7 @@ def surface(shape: str, p_O: np.ndarray) -> float:
 @pytest.mark.parametrize("table", SHAPES)
 @pytest.mark.parametrize("shape", OBJECTS)
 def test_touching_points_lie_on_both_surfaces(shape: str, table: str) -> None:
-    """At any attitude, flat on a face, on an edge or a corner: snapped onto the support the object touches it and goes
+    """At any attitude, flat on a face, on an edge or a corner: moved onto the support the object touches it and goes
     nowhere below (MuJoCo), at points of its surface; on a face or a plane with the face's normal."""
     t = task(shape, table)
     support, model = t.supports[0], t.world.model
@@ -80,7 +80,7 @@ def test_touching_points_lie_on_both_surfaces(shape: str, table: str) -> None:
     turns += [R_WS @ Rotation.from_euler("x", a).as_matrix() for a in (1e-12, 1e-7, np.pi / 4)]
     at = t.world.object_qpos
     for R in turns:
-        R, p = t.router.grid.snapped((R, p_WS + R_WS @ [0.01, 0.0, top + 0.1]), 0)
+        p = moved_onto(t.hand, support, R, p_WS + R_WS @ [0.01, 0.0, top + 0.1])
         contacts = touching(t.hand, support, R, p)
         assert contacts
         assert gap(t.hand, support, R, p) == pytest.approx(0.0, abs=1e-9)
@@ -110,7 +110,8 @@ def test_touching_points_lie_on_both_surfaces(shape: str, table: str) -> None:
 )  # fmt: skip
 def test_faces_edges_and_corners_have_their_number_of_contacts(shape: str, euler: list[float], count: int) -> None:
     t = task(shape, "level")
-    R, p = t.router.grid.snapped((Rotation.from_euler("xyz", euler).as_matrix(), np.array([0.0, 0.0, 0.2])), 0)
+    R = Rotation.from_euler("xyz", euler).as_matrix()
+    p = moved_onto(t.hand, t.supports[0], R, np.array([0.0, 0.0, 0.2]))
     assert len(touching(t.hand, t.supports[0], R, p)) == count
 
 
@@ -118,7 +119,7 @@ def test_a_ball_that_leaves_a_table_rolls_over_its_edge() -> None:
     """Beyond the edge the normal leads from the edge to the ball's centre."""
     t = task("sphere", "block")
     for over in (-0.001, 0.0, 0.01, 0.02):
-        R, p = t.router.grid.snapped((np.eye(3), np.array([0.1 + over, 0.02, 0.1])), 0)
+        R, p = np.eye(3), moved_onto(t.hand, t.supports[0], np.eye(3), np.array([0.1 + over, 0.02, 0.1]))
         ((p_O, n_W),) = touching(t.hand, t.supports[0], R, p)
         edge = np.array([min(p[0], 0.1), 0.02, 0.05])
         np.testing.assert_allclose(n_W, (p - edge) / 0.03, atol=1e-9)

@@ -233,3 +233,77 @@ def test_a_negative_cost_is_refused():
     grid.cost = lambda a, b: -1.0
     with pytest.raises(ValueError, match="legal: ≥ 0"):
         astar.find(grid, (0, 0), (2, 2))
+
+
+class Asked(Roads):
+    """Roads that remember whose cost was asked for, with bounds between the distance and the cost."""
+
+    def __init__(self, seed, tightness):
+        super().__init__(seed)
+        self.tightness, self.costs, self.bounds = tightness, [], []
+
+    def bound(self, a, b):
+        self.bounds.append((a, b))
+        tight = self.tightness * (self.arcs[a][b] - self.distance(a, b)) if self.tightness else 0.0
+        return self.distance(a, b) + tight
+
+    def cost(self, a, b):
+        self.costs.append((a, b))
+        return super().cost(a, b)
+
+
+@pytest.mark.parametrize("weight", [1.0, 2.0])
+def test_a_lazy_search_is_the_eager_one_and_asks_for_fewer_costs(weight):
+    """However far the bounds are below the costs, the path is within its bound of the least, and the costs of little more
+    than half of the arcs seen are asked for, the fewer the tighter the bounds are."""
+    asked, seen = dict.fromkeys((0.0, 0.5, 1.0), 0), dict.fromkeys((0.0, 0.5, 1.0), 0)
+    for seed in range(60):
+        outcomes = []
+        for tightness in asked:
+            roads = Asked(seed, tightness)
+            outcomes.append(astar.find(roads, 0, roads.goal, weight=weight))
+            asked[tightness] += len(roads.costs)
+            seen[tightness] += len(roads.bounds)
+            assert set(roads.costs) <= set(roads.bounds)
+        assert len({type(outcome) for outcome in outcomes}) == 1
+        if isinstance(outcomes[0], Path):
+            least = Roads(seed).least(0)
+            for outcome in outcomes:
+                assert outcome.cost == pytest.approx(length(Roads(seed), outcome.nodes), rel=1e-12)
+                assert least * (1 - 1e-12) <= outcome.cost <= weight * least * (1 + 1e-12)
+    assert asked[1.0] < asked[0.5] < asked[0.0] < 0.6 * seen[0.0]
+
+
+def test_no_cost_is_asked_that_a_best_path_could_not_have():
+    """Cost to get there + bound + heuristic is at most the least cost; and none is asked twice, as this heuristic is
+    consistent."""
+    for seed in range(60):
+        roads = Asked(seed, 0.0)
+        outcome = astar.find(roads, 0, roads.goal)
+        if not isinstance(outcome, Path):
+            continue
+        assert len(set(roads.costs)) == len(roads.costs)
+        n = len(roads.arcs)
+        a, b, c = zip(*((a, b, c) for a, out in roads.arcs.items() for b, c in out.items()), strict=True)
+        reached = dijkstra(csr_array((c, (a, b)), shape=(n, n)), indices=0)
+        for a, b in roads.costs:
+            assert reached[a] + roads.distance(a, b) + roads.heuristic(b) <= outcome.cost * (1 + 1e-12)
+
+
+def test_arcs_that_turn_out_barred_are_passed_by():
+    """Behind bounds that promise a way: the path is the least of those that are not barred, or there is none."""
+    found = 0
+    for seed in range(30):
+        roads = Asked(seed, 0.0)
+        rng = np.random.default_rng(seed)
+        for out in roads.arcs.values():
+            for b in out:
+                if rng.random() < 0.15:
+                    out[b] = math.inf
+        outcome = astar.find(roads, 0, roads.goal)
+        least = roads.least(0)
+        assert isinstance(outcome, Path) == math.isfinite(least)
+        if isinstance(outcome, Path):
+            assert outcome.cost == pytest.approx(least, rel=1e-12)
+            found += 1
+    assert 5 < found < 30
