@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
-from regrasp.planner.arcs import Arc, straight
 from regrasp.kernels.surfaces import SPHERE
+from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
 from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
 from regrasp.planner.path import Pose, distance
