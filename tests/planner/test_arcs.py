@@ -59,10 +59,10 @@ def test_no_arc_is_shorter_than_the_distance_of_its_ends() -> None:
     radius = 0.04
     for arc in arcs() + arcs(1):
         assert arc.length(radius) >= distance(arc.start, arc.goal, radius) - 1e-12
-        assert arc.length(radius) == pytest.approx(arc.way() + radius * arc.angle, abs=1e-15)
+        assert arc.length(radius) == pytest.approx(arc.way + radius * arc.angle, abs=1e-15)
         p = arc.poses(np.linspace(0.0, 1.0, 2001))[1]
         true = np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1))
-        assert 0.997 * true - 1e-12 <= arc.way() <= true * (1.0 + 1e-6) + 1e-12
+        assert 0.997 * true - 1e-12 <= arc.way <= true * (1.0 + 1e-6) + 1e-12
 
 
 def test_a_straight_arc_is_the_constant_twist_to_its_goal() -> None:
