@@ -76,7 +76,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Callable[[Planner], list[tuple]]
 
 
 def outcome(plan: Plan | None = None, failure: Failure | None = None) -> types.SimpleNamespace:
-    return types.SimpleNamespace(plan=plan, failure=failure)
+    return types.SimpleNamespace(plan=plan, failure=failure, tried=())
 
 
 def interrupted() -> types.SimpleNamespace:

@@ -241,7 +241,7 @@ def test_what_is_round_rolls_without_slipping(shape: str, start: tuple[float, ..
         got, body = g.went(arc, (0,))
         assert (body, got.on) == (-1, (0,))
         touches(t, got, 0)
-        assert got.way == pytest.approx(t.hand.size_O[0] * got.angle, rel=1e-9)
+        assert got.length(0.0) == pytest.approx(t.hand.size_O[0] * got.angle, rel=1e-9)
         for u in U:
             p = got.pose(u)[1]
             np.testing.assert_allclose(velocity(got.pose, u, p - t.hand.size_O[0] * UP), 0.0, atol=1e-9)

@@ -77,7 +77,7 @@ def test_one_rotation_is_a_circle(axis: str) -> None:
 @pytest.mark.parametrize("freedoms", [("rx",), ("rx", "rz"), ("rx", "ry", "rz")])
 def test_turns_lead_from_the_start_to_every_orientation(freedoms: tuple[str, ...]) -> None:
     """In the air, one arc after another; the whole turn of one rotation closes on the start."""
-    g = graph(task("sphere", freedoms=freedoms, start=IN_AIR, goal=IN_AIR))
+    g = graph(task("box", freedoms=freedoms, start=IN_AIR, goal=IN_AIR))
     explore(g)
     reached = np.array([R for R, _ in g.poses])
     for R in g.rotations:

@@ -26,6 +26,7 @@ from regrasp.planner.turns import from_quaternion, from_rotvec, rotvec
 Array = NDArray[np.float64]
 START, GOAL = 0, 1
 CELL = 0.75  # of a step: less than one, so that no two points of the lattice share a cell
+FINE = 0.1  # the same for poses at which the object is about to tip
 AROUND = 12  # orientations next to one
 THERE = (5e-5, 5e-4)  # m and rad: an arc that ends so near the goal ends there
 LIMITS = 7  # halvings that find where the object no longer rests
@@ -117,7 +118,7 @@ class PoseGraph:
         self._ways: dict[int, list[int]] = {}
         self._rest: dict[int, bool] = {}
         self.poses, self.held = [self.start, self.goal], [self.touched(self.start), self.touched(self.goal)]
-        self._cells[self._cell(self.start, self.held[START])] = START
+        self._cells[self._cell(self.start, self.held[START], CELL)] = START
 
     def touched(self, pose: Pose) -> tuple[int, ...]:
         """The supports that the object touches at a pose."""
@@ -136,16 +137,16 @@ class PoseGraph:
         found = [patch_of(self.hand, self.supports[b], *self.poses[node]) for b in self.held[node]]
         return [patch for patch in found if patch is not None]
 
-    def _cell(self, pose: Pose, held: tuple[int, ...]) -> object:
-        p = np.round((pose[1] - self.start[1]) / (CELL * self.resolution.step)).astype(int)
+    def _cell(self, pose: Pose, held: tuple[int, ...], size: float) -> object:
+        p = np.round((pose[1] - self.start[1]) / (size * self.resolution.step)).astype(int)
         if self.hand.kind_O == SPHERE:
-            return (*p.tolist(), held)
+            return (size, *p.tolist(), held)
         far = angles(self._seen, pose[0])
         turn = int(np.argmin(far))
         if far[turn] > 0.4 * self.resolution.angle:
             self._seen = np.concatenate([self._seen, pose[0][None]])
             turn = len(self._seen) - 1
-        return (*p.tolist(), turn, held)
+        return (size, *p.tolist(), turn, held)
 
     def went(self, arc: Arc, held: tuple[int, ...]) -> tuple[Arc, int]:
         """The part of the arc that the object can go from where it touches `held`, and the body that stops it, or −1."""
@@ -166,8 +167,8 @@ class PoseGraph:
         pose, held, patches = self.poses[node], self.held[node], self.patches(node)
         found: dict[int, None] = {}
 
-        def add(arc: Arc) -> None:
-            other = self._joined(node, arc)
+        def add(arc: Arc, cell: float = CELL) -> None:
+            other = self._joined(node, arc, cell)
             if other is not None and other != node:
                 found[other] = None
 
@@ -191,7 +192,7 @@ class PoseGraph:
             if far >= (0.2 if body < len(self.supports) else 0.5) and (arc.on or not on_surface):
                 add(arc)
                 if arc.on and self.resting(node) and not self.rests(arc.goal):
-                    add(self._still_resting(arc))
+                    add(self._still_resting(arc), FINE)
         for whole in pivots(pose, patches, rounding):
             if not self.free.allow(whole):
                 continue
@@ -235,14 +236,14 @@ class PoseGraph:
         apart = float(np.linalg.norm(pose[1] - self.goal[1]))
         return apart <= THERE[0] and float(angles(self.goal[0][None], pose[0])[0]) <= THERE[1]
 
-    def _joined(self, node: int, arc: Arc) -> int | None:
+    def _joined(self, node: int, arc: Arc, size: float) -> int | None:
         """The node at the end of an arc from `node`, which is made if there is none; None where another one has its cell."""
         end = arc.goal
         if self.near_goal(end):
             other = GOAL
         else:
             held = self.touched(end)
-            cell = self._cell(end, held)
+            cell = self._cell(end, held, size)
             if cell not in self._cells:
                 self._cells[cell] = len(self.poses)
                 self.poses.append(end)
