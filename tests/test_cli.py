@@ -68,8 +68,11 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Callable[[Planner], list[tuple]]
             return plan_scene()
 
         module = types.ModuleType("regrasp.planner.method")
-        module.Settings, module.plan_scene = Settings, called
+        module.plan_scene = called
         monkeypatch.setitem(sys.modules, "regrasp.planner.method", module)
+        module = types.ModuleType("regrasp.planner.task")
+        module.Settings = Settings
+        monkeypatch.setitem(sys.modules, "regrasp.planner.task", module)
         return calls
 
     return put

@@ -164,7 +164,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(plan: Plan) 
     assert not np.array_equal(plan.V, other.V) or not np.array_equal(plan.joints, other.joints)
 
 
-@pytest.mark.parametrize("scene", [small(), load("fig2-planar")], ids=lambda scene: scene.name)
+@pytest.mark.parametrize("scene", [load("fig4-relocation"), load("passage-carry")], ids=lambda scene: scene.name)
 def test_the_number_of_threads_does_not_change_the_plan(scene: Scene) -> None:
     """Also where the first annealing runs break a constraint and a later one counts."""
     few = dataclasses.replace(QUICK.local, attempts=4, annealing=Annealing(iterations=60, trials=10))

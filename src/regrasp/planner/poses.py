@@ -243,24 +243,29 @@ class PoseGraph:
             other = GOAL
         else:
             held = self.touched(end)
-            cell = self._cell(end, held, size)
-            if cell not in self._cells:
-                self._cells[cell] = len(self.poses)
+            cells = [self._cell(end, held, each) for each in (size, CELL, FINE)]
+            there = [self._cells[cell] for cell in cells if cell in self._cells]
+            same = [each for each in there if self._alike(self.poses[each], end)]
+            if same:
+                other = same[0]
+            elif cells[0] in self._cells:
+                other = there[0]
+                arc, body = self.went(straight(self.poses[node], self.poses[other], arc.kind), self.held[node])
+                if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]) or not self.free.allow(arc):
+                    return None
+            else:
+                other = self._cells[cells[0]] = len(self.poses)
                 self.poses.append(end)
                 self.held.append(held)
-            other = self._cells[cell]
-            there = self.poses[other]
-            if np.linalg.norm(there[1] - end[1]) > SAME[0] or angles(there[0][None], end[0])[0] > SAME[1]:
-                arc, body = self.went(straight(self.poses[node], there, arc.kind), self.held[node])
-                if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]):
-                    return None
-                if not self.free.allow(arc):
-                    return None
         if other != node:
             kept = self.arcs.get((node, other))
             if kept is None or arc.length(self.hand.radius) < kept.length(self.hand.radius) - 1e-9:
                 self.arcs[node, other] = arc
         return other
+
+    def _alike(self, a: Pose, b: Pose) -> bool:
+        """Whether two poses are one."""
+        return bool(np.linalg.norm(a[1] - b[1]) <= SAME[0] and angles(a[0][None], b[0])[0] <= SAME[1])
 
     def _note(self, body: int, pose: Pose) -> None:
         """Remember an obstacle that stopped a move."""
