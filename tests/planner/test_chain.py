@@ -44,7 +44,7 @@ def annealed(a: Arc, shortcuts: Shortcuts, seed: int):
 
 def moved_alike(one, other, **tolerance: float) -> None:
     """Two runs accept the same moves with the same energies, and find the same best V."""
-    assert len(set(one.energies)) > 10  # the chain moves
+    assert len(set(one.energies)) > 5  # the chain moves
     for name in ("energies", "best_energies", "start_temperature"):
         np.testing.assert_allclose(getattr(other, name), getattr(one, name), err_msg=name, **tolerance)
     np.testing.assert_array_equal(other.best, one.best)

@@ -125,8 +125,11 @@ def with_hand_overs(course: Course) -> Course:
         if name not in ("segment", "V", "twist", "support_mode", "moves"):
             array[at] = array[at, -1:]
     agents = course.V < RELOCATE
-    # Where a contact begins only after the hand-over, its place is taken from there.
-    lands = (agents[before + 1] & ~agents[before])[:, None, :, None]
+    # Where a contact begins only after the hand-over, its place is taken from there; so it is where it begins to slide, as then
+    # its force is on the cone about that very normal, which has gained a last digit from one interval to the next.
+    k = course.V.shape[1]
+    starts = (course.mode[before + 1, :k] == SLIDE) & (course.mode[before, :k] != SLIDE)
+    lands = ((agents[before + 1] & ~agents[before]) | starts)[:, None, :, None]
     touches = ((course.support_mode[before + 1] != NONE) & (course.support_mode[before] == NONE))[:, None, :, None]
     for names, new in ((("p_OC_O", "n_O", "x_O"), lands), (("support_p_O", "support_n_W"), touches)):
         for name in names:

@@ -142,7 +142,7 @@ def plan_leg(
 
     The coming arcs are looked at when agents take hold, so that they need not again soon.
     """
-    simple = without_search(task, arcs, grasp, first, rng, HALVINGS)
+    simple = without_search(task, arcs, grasp, first, rng, clock, HALVINGS)
     if isinstance(simple, Planned) and simple.failure is None:
         return simple
     ways: list[tuple[list[Segment], Grasp]] = [] if grasp is None else [([], grasp)]
@@ -157,8 +157,8 @@ def plan_leg(
 
 
 def without_search(
-    task: Task, arcs: list[Arc], grasp: Grasp | None, first: int, rng: np.random.Generator, halvings: int
-) -> Planned | Failure:
+    task: Task, arcs: list[Arc], grasp: Grasp | None, first: int, rng: np.random.Generator, clock: Clock, halvings: int
+) -> Planned | Failure:  # fmt: skip
     """The first of the arcs with contacts that stay, from the grasp at hand, or a new one where the object rests.
 
     Where that fails, half of the arc, and from there the other half. A Planned with a failure has taken hold anew, but can't
@@ -189,13 +189,15 @@ def without_search(
             made = stay(task, whole, now, stage)
             if not isinstance(made, Failure):
                 return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
+            if clock.up():
+                return Planned(before, now, TOOK_HOLD, made)
             failed = Planned(before, now, TOOK_HOLD, made)
-    if halvings > 0 and len(whole.R_WO) >= SHORTEST and task.router.rests(arcs[0].pose(0.5)):
+    if halvings > 0 and not clock.up() and len(whole.R_WO) >= SHORTEST and task.router.rests(arcs[0].pose(0.5)):
         one, two = arcs[0].halves()
-        there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, halvings - 1)
+        there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, clock, halvings - 1)
         if isinstance(there, Planned) and there.failure is None:
             count = first + len(there.segments)
-            rest = without_search(task, [two, *arcs[1:]], there.grasp, count, rng, halvings - 1)
+            rest = without_search(task, [two, *arcs[1:]], there.grasp, count, rng, clock, halvings - 1)
             if isinstance(rest, Planned) and rest.failure is None:
                 return Planned(there.segments + rest.segments, rest.grasp, TOOK_HOLD, None)
     assert failed is not None
