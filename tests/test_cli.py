@@ -68,15 +68,18 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Callable[[Planner], list[tuple]]
             return plan_scene()
 
         module = types.ModuleType("regrasp.planner.method")
-        module.Settings, module.plan_scene = Settings, called
+        module.plan_scene = called
         monkeypatch.setitem(sys.modules, "regrasp.planner.method", module)
+        module = types.ModuleType("regrasp.planner.task")
+        module.Settings = Settings
+        monkeypatch.setitem(sys.modules, "regrasp.planner.task", module)
         return calls
 
     return put
 
 
 def outcome(plan: Plan | None = None, failure: Failure | None = None) -> types.SimpleNamespace:
-    return types.SimpleNamespace(plan=plan, failure=failure)
+    return types.SimpleNamespace(plan=plan, failure=failure, tried=())
 
 
 def interrupted() -> types.SimpleNamespace:

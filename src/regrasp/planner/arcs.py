@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.planner.path import Pose
+from regrasp.planner.surroundings import along
 from regrasp.planner.turns import from_rotvec, rotvec
 
 Array = NDArray[np.float64]
@@ -30,8 +32,9 @@ class Arc:
 
     def pose(self, u: float) -> Pose:
         """X_WO at part u."""
-        turn = from_rotvec(u * self.w)
-        return turn @ self.start[0], self.c + u * self.d + turn @ (self.start[1] - self.c)
+        R, p = np.empty((3, 3)), np.empty(3)
+        along(*self.start, self.w, self.c, self.d, u, R, p)
+        return R, p
 
     def poses(self, u: Array) -> tuple[Array, Array]:
         """Poses R (len(u), 3, 3), p (len(u), 3)."""
@@ -39,24 +42,26 @@ class Arc:
         p = self.c + u[:, None] * self.d + turn @ (self.start[1] - self.c)
         return turn @ self.start[0], p
 
-    @property
+    @cached_property
     def goal(self) -> Pose:
         """Where it ends."""
         return self.pose(1.0)
 
-    @property
+    @cached_property
     def angle(self) -> float:
         """By how much the object turns, rad."""
-        return float(np.linalg.norm(self.w))
+        return math.sqrt(float(self.w @ self.w))
 
+    @cached_property
     def way(self) -> float:
-        """Length of the way of the object's origin, m: at least the distance of the ends."""
-        _, p = self.poses(np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * self.angle)))
-        return float(np.sum(np.linalg.norm(np.diff(p, axis=0), axis=1)))
+        """Length of the way of the object's origin, m: |d| + |w × (p_0 − c)|, exact where it goes straight or pivots."""
+        (a, b, c), (x, y, z) = self.w, self.start[1] - self.c
+        around = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
+        return math.sqrt(float(self.d @ self.d)) + around
 
     def length(self, radius: float) -> float:
         """Length of the path, m: way + radius · angle, never less than `path.distance` of its ends."""
-        return self.way() + radius * self.angle
+        return self.way + radius * self.angle
 
     def halves(self) -> tuple["Arc", "Arc"]:
         """Its two halves."""

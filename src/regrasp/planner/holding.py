@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.distances import distance
+from regrasp.kernels.features import TOUCH
 from regrasp.kernels.forces import EDGES, friction_edges
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import minus, triple
@@ -24,7 +25,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.reserve import Margins
-from regrasp.planner.supports import Support
+from regrasp.planner.supports import Support, gap
 
 Array = NDArray[np.float64]
 
@@ -128,13 +129,31 @@ def at_rest(hand: Hand, supports: tuple[Support, ...], pose: Pose, margins: Marg
 def arc_force(
     hand: Hand, supports: tuple[Support, ...], arc: Arc, points: Touchable, margins: Margins, gravity: Array
 ) -> float:
-    """The mean of `least_force` as the arc begins, half-way and as it ends, in weights; inf where one of them is."""
-    R, p = arc.poses(U)
-    path = nominal_path(R, p, len(U) // 2, 2, gravity, hand, supports)
+    """The mean of `least_force` as the arc begins, half-way and as it ends, in weights; inf where one of them is.
+
+    Through the air only as it ends: it began as the one before ended.
+    """
+    strength = float(np.sum(hand.cap))
+    if not arc.on and all(gap(hand, support, *arc.start) > TOUCH for support in supports):
+        path = in_the_air(arc.goal, gravity)
+        return least_force(hand, path, 0, points, margins, strength, program(EDGES * len(points.p_O), 1))
+    path = nominal_path(*arc.poses(U), len(U) // 2, 2, gravity, hand, supports)
     lp = program(EDGES * (len(points.p_O) + path.support_mode.shape[1]), 1)
-    strength, total = float(np.sum(hand.cap)), 0.0
+    total = 0.0
     for j in LOOKED_AT:
         total += least_force(hand, path, j, points, margins, strength, lp)
         if total == np.inf:
             break
     return total / len(LOOKED_AT)
+
+
+def in_the_air(pose: Pose, gravity: Array) -> Path:
+    """One interval of one step in which the object stands still and nothing carries it."""
+    R, p = pose
+    g = float(np.linalg.norm(gravity))
+    up_O = -(gravity @ R) / g if g > 0.0 else np.zeros(3)
+    none, slots = np.zeros((1, 2, 0, 3)), np.zeros(0, np.int64)
+    return Path(
+        np.array([[R, R]]), np.array([[p, p]]), np.array([[up_O, up_O]]), np.zeros((1, 0), np.int64), none, none, none,
+        np.zeros(0), slots, slots,
+    )  # fmt: skip

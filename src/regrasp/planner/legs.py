@@ -47,7 +47,7 @@ class Planned:
 def intervals(task: Task, arc: Arc, least: int = 4) -> int:
     """Into how many intervals an arc is divided."""
     s, radius = task.settings, task.hand.radius
-    return max(least, math.ceil(arc.angle / s.turn - 1e-9), math.ceil(arc.way() / (s.travel * radius) - 1e-9))
+    return max(least, math.ceil(arc.angle / s.turn - 1e-9), math.ceil(arc.way / (s.travel * radius) - 1e-9))
 
 
 def path_of(task: Task, arcs: list[Arc]) -> Path:

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from regrasp.planner.turns import rotvec
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
+U = np.linspace(0.0, 1.0, 9)  # parts of an arc at which it is compared with the freedoms
 FLAT = 1e-6  # directions that differ by less are parallel, or across
 OVER = 0.55 * math.pi  # rad: a pivot that meets nothing ends here
 LEAST = 0.05  # rad: a pivot that gets less far is none
@@ -34,12 +36,19 @@ class Freedoms:
     shifts: NDArray[np.bool_]
     turns: NDArray[np.bool_]
 
+    @cached_property
+    def all(self) -> bool:
+        """Whether the object may move as it likes."""
+        return bool(np.all(self.shifts) and np.all(self.turns))
+
     def allow(self, arc: Arc) -> bool:
         """Whether the whole arc keeps to them."""
-        _, p = arc.poses(np.linspace(0.0, 1.0, 9))
-        shifted = np.max(np.abs(p - p[0]), axis=0)
-        free_turn = np.all(self.turns) or np.all(np.abs(arc.w[~self.turns]) <= FLAT * (1.0 + arc.angle))
-        return bool(free_turn and np.all(shifted[~self.shifts] <= 1e-7))
+        if self.all:
+            return True
+        if np.any(np.abs(arc.w[~self.turns]) > FLAT * (1.0 + arc.angle)):
+            return False
+        _, p = arc.poses(U if arc.angle > 0.0 else U[[0, -1]])
+        return bool(np.all(np.abs(p - p[0])[:, ~self.shifts] <= 1e-7))
 
 
 def freedoms_of(names: tuple[str, ...]) -> Freedoms:

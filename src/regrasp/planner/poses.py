@@ -14,17 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
+from regrasp.kernels.surfaces import SPHERE
 from regrasp.planner.arcs import Arc, straight
 from regrasp.planner.hand import Hand
 from regrasp.planner.moves import AXES, LEAST, freedoms_of, pivots, rolls, shifts, turns
 from regrasp.planner.path import Pose, distance
 from regrasp.planner.supports import Patch, Support, patch_of
 from regrasp.planner.surroundings import Surroundings, gaps_at, go
-from regrasp.planner.turns import angle as angle_of
 from regrasp.planner.turns import from_quaternion, from_rotvec, rotvec
 
 Array = NDArray[np.float64]
 START, GOAL = 0, 1
+CELL = 0.75  # of a step: less than one, so that no two points of the lattice share a cell
+FINE = 0.1  # the same for poses at which the object is about to tip
 AROUND = 12  # orientations next to one
 THERE = (5e-5, 5e-4)  # m and rad: an arc that ends so near the goal ends there
 LIMITS = 7  # halvings that find where the object no longer rests
@@ -66,6 +68,12 @@ def orientations(freedoms: tuple[str, ...], start: Array, goal: Array, step: flo
     return found
 
 
+def angles(rotations: Array, R: Array) -> Array:
+    """Angles (n,) between rotations (n, 3, 3) and R, from the chords that their columns make: ‖R_i − R‖ = √8 sin(θ/2)."""
+    chord = np.sqrt(np.sum((rotations - R) ** 2, axis=(1, 2)) / 8.0)
+    return np.asarray(2.0 * np.arcsin(np.minimum(chord, 1.0)))
+
+
 @dataclass(frozen=True)
 class Resolution:
     """How finely the poses are searched: m between positions, rad between orientations, m of clearance from obstacles."""
@@ -105,12 +113,12 @@ class PoseGraph:
     def __post_init__(self) -> None:
         self.rotations = np.array(orientations(self.freedoms, self.start[0], self.goal[0], self.resolution.angle))
         self.free = freedoms_of(self.freedoms)
-        self._seen = [self.start[0]]
+        self._seen = self.start[0][None]
         self._cells: dict[object, int] = {}
         self._ways: dict[int, list[int]] = {}
         self._rest: dict[int, bool] = {}
         self.poses, self.held = [self.start, self.goal], [self.touched(self.start), self.touched(self.goal)]
-        self._cells[self._cell(self.start, self.held[START])] = START
+        self._cells[self._cell(self.start, self.held[START], CELL)] = START
 
     def touched(self, pose: Pose) -> tuple[int, ...]:
         """The supports that the object touches at a pose."""
@@ -129,15 +137,16 @@ class PoseGraph:
         found = [patch_of(self.hand, self.supports[b], *self.poses[node]) for b in self.held[node]]
         return [patch for patch in found if patch is not None]
 
-    def _cell(self, pose: Pose, held: tuple[int, ...]) -> object:
-        p = np.round((pose[1] - self.start[1]) / (0.5 * self.resolution.step)).astype(int)
-        seen = np.array(self._seen)
-        far = angle_of(seen @ pose[0].T)
+    def _cell(self, pose: Pose, held: tuple[int, ...], size: float) -> object:
+        p = np.round((pose[1] - self.start[1]) / (size * self.resolution.step)).astype(int)
+        if self.hand.kind_O == SPHERE:
+            return (size, *p.tolist(), held)
+        far = angles(self._seen, pose[0])
         turn = int(np.argmin(far))
         if far[turn] > 0.4 * self.resolution.angle:
-            self._seen.append(pose[0])
+            self._seen = np.concatenate([self._seen, pose[0][None]])
             turn = len(self._seen) - 1
-        return (*p.tolist(), turn, held)
+        return (size, *p.tolist(), turn, held)
 
     def went(self, arc: Arc, held: tuple[int, ...]) -> tuple[Arc, int]:
         """The part of the arc that the object can go from where it touches `held`, and the body that stops it, or −1."""
@@ -158,8 +167,8 @@ class PoseGraph:
         pose, held, patches = self.poses[node], self.held[node], self.patches(node)
         found: dict[int, None] = {}
 
-        def add(arc: Arc) -> None:
-            other = self._joined(node, arc)
+        def add(arc: Arc, cell: float = CELL) -> None:
+            other = self._joined(node, arc, cell)
             if other is not None and other != node:
                 found[other] = None
 
@@ -183,7 +192,7 @@ class PoseGraph:
             if far >= (0.2 if body < len(self.supports) else 0.5) and (arc.on or not on_surface):
                 add(arc)
                 if arc.on and self.resting(node) and not self.rests(arc.goal):
-                    add(self._still_resting(arc))
+                    add(self._still_resting(arc), FINE)
         for whole in pivots(pose, patches, rounding):
             if not self.free.allow(whole):
                 continue
@@ -214,7 +223,9 @@ class PoseGraph:
 
     def _beside(self, R: Array) -> list[Array]:
         """Orientations of the set next to R, and the goal's."""
-        far = angle_of(self.rotations @ R.T)
+        if self.hand.kind_O == SPHERE:
+            return [self.goal[0]] if angles(self.goal[0][None], R)[0] > SAME[1] else []
+        far = angles(self.rotations, R)
         order = np.argsort(far, kind="stable")
         near = [int(a) for a in order if SAME[1] < far[a]][:AROUND]
         near = [a for a in near if far[a] <= 1.6 * self.resolution.angle] or near[:4]
@@ -223,33 +234,38 @@ class PoseGraph:
     def near_goal(self, pose: Pose) -> bool:
         """Whether a pose counts as the goal."""
         apart = float(np.linalg.norm(pose[1] - self.goal[1]))
-        return apart <= THERE[0] and float(angle_of(pose[0] @ self.goal[0].T)) <= THERE[1]
+        return apart <= THERE[0] and float(angles(self.goal[0][None], pose[0])[0]) <= THERE[1]
 
-    def _joined(self, node: int, arc: Arc) -> int | None:
+    def _joined(self, node: int, arc: Arc, size: float) -> int | None:
         """The node at the end of an arc from `node`, which is made if there is none; None where another one has its cell."""
         end = arc.goal
         if self.near_goal(end):
             other = GOAL
         else:
             held = self.touched(end)
-            cell = self._cell(end, held)
-            if cell not in self._cells:
-                self._cells[cell] = len(self.poses)
+            cells = [self._cell(end, held, each) for each in (size, CELL, FINE)]
+            there = [self._cells[cell] for cell in cells if cell in self._cells]
+            same = [each for each in there if self._alike(self.poses[each], end)]
+            if same:
+                other = same[0]
+            elif cells[0] in self._cells:
+                other = there[0]
+                arc, body = self.went(straight(self.poses[node], self.poses[other], arc.kind), self.held[node])
+                if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]) or not self.free.allow(arc):
+                    return None
+            else:
+                other = self._cells[cells[0]] = len(self.poses)
                 self.poses.append(end)
                 self.held.append(held)
-            other = self._cells[cell]
-            there = self.poses[other]
-            if np.linalg.norm(there[1] - end[1]) > SAME[0] or float(angle_of(there[0] @ end[0].T)) > SAME[1]:
-                arc, body = self.went(straight(self.poses[node], there, arc.kind), self.held[node])
-                if body >= 0 or set(arc.on) != set(self.held[node]) & set(self.held[other]):
-                    return None
-                if not self.free.allow(arc):
-                    return None
         if other != node:
             kept = self.arcs.get((node, other))
             if kept is None or arc.length(self.hand.radius) < kept.length(self.hand.radius) - 1e-9:
                 self.arcs[node, other] = arc
         return other
+
+    def _alike(self, a: Pose, b: Pose) -> bool:
+        """Whether two poses are one."""
+        return bool(np.linalg.norm(a[1] - b[1]) <= SAME[0] and angles(a[0][None], b[0])[0] <= SAME[1])
 
     def _note(self, body: int, pose: Pose) -> None:
         """Remember an obstacle that stopped a move."""

@@ -176,13 +176,15 @@ class Router:
     def _no_way(self, ended: bool) -> Failure:
         """Why there is no route: a passage too narrow, forces too weak, or a search that was not done."""
         where = "global planner"
-        if not ended:
-            return Failure(
-                "route", where, "object", f"the search ended after {len(self.graph.poses)} poses without a way to the goal",
-                "more planner.route.nodes or .poses, a larger planner.route.weight, or more time",
-            )  # fmt: skip
         step = self.graph.resolution.step
         bodies = sorted(self.graph.blocked.values(), key=lambda b: b.far)
+        if not ended:
+            by = f", stopped by {self.name(bodies[0].body)} nearest to it" if bodies else ""
+            return Failure(
+                "route", where, "object",
+                f"the search ended after {len(self.graph.poses)} poses without a way to the goal{by}",
+                "more planner.route.nodes or .poses, a larger planner.route.weight, or more time",
+            )  # fmt: skip
         weak = min(self.weak, key=lambda w: w[0], default=None)
         if weak is not None and (not bodies or weak[0] <= bodies[0].far + step):
             carried = ", ".join(self.name(b) for b in weak[1].on)
@@ -194,12 +196,12 @@ class Router:
                 "a larger max_force, more friction, another agent or support",
             )  # fmt: skip
         if bodies:
-            near = [body for body in bodies[:2] if body.far <= bodies[0].far + 2.0 * step]
-            named = " and ".join(sorted(self.name(body.body) for body in near))
+            near = {body.body for body in bodies[:2] if body.far <= bodies[0].far + 2.0 * step}
+            named = sorted(self.name(b) for b in near | set(self.graph.touched(bodies[0].pose)))
             at = np.round(bodies[0].pose[1], 3).tolist()
             return Failure(
                 "route", where, "object", f"no way to the goal at a resolution of {1e3 * step:.0f} mm: the passage "
-                f"{'between' if len(near) > 1 else 'beside'} {named} near {at} is too narrow",
+                f"{'between' if len(named) > 1 else 'beside'} {' and '.join(named)} near {at} is too narrow",
                 "more room there, a smaller planner.route.step or .clearance, or a goal that can be reached",
             )  # fmt: skip
         return Failure(
