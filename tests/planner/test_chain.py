@@ -180,7 +180,7 @@ def work(a: Arc, shortcuts: Shortcuts) -> np.ndarray:
     return total
 
 
-@pytest.mark.parametrize("name", ("fig2-planar", "fig3-puma3", "fig4-relocation", "puma4-obstacles"))
+@pytest.mark.parametrize("name", ["fig2-planar", "fig3-puma3", "fig4-relocation", "puma4-obstacles"])
 def test_every_shortcut_saves_work(name: str) -> None:
     """Counted, not timed: parts of the work without it, with room above what was measured when these were written.
 

@@ -165,7 +165,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(plan: Plan) 
     assert not np.array_equal(plan.V, other.V) or not np.array_equal(plan.joints, other.joints)
 
 
-@pytest.mark.parametrize("name", ["step-tumble", "peg-hole"])
+@pytest.mark.parametrize("name", ["step-tumble", "passage-carry"])
 def test_the_number_of_threads_does_not_change_the_plan(name: str) -> None:
     """Nor what was tried before; legs are annealed, and runs that break a constraint are followed by ones that count."""
     few = dataclasses.replace(QUICK.local, attempts=4, annealing=Annealing(iterations=60, trials=10))
