@@ -1,14 +1,22 @@
 """Start grasps: found ones balance with room to spare and are clear, given ones are what was given."""
 
+import functools
+
 import numpy as np
 import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
+from regrasp.kernels.basis import program
+from regrasp.kernels.chains import forward
+from regrasp.kernels.forces import EDGES as EIGHT
 from regrasp.planner.arcs import straight
-from regrasp.planner.grasp import given_grasp
+from regrasp.planner.collision import place_agent
+from regrasp.planner.configurations import bodies_along
+from regrasp.planner.grasp import OUT, Stance, drawn, find_grasp, given_grasp, grasp_cost, look_over
 from regrasp.planner.legs import pieces_of
 from regrasp.planner.outcome import Failure
+from regrasp.planner.scan import LOOKS
 from regrasp.planner.task import prepare
 from regrasp.scene.load import load
 
@@ -144,3 +152,95 @@ def test_an_unreachable_point_names_its_agent() -> None:
     assert failure.agent == names[1]  # the object stands over finger1, which reaches its own point
     assert "start.grasp" in failure.where
     assert "\n" not in str(failure)
+
+
+@functools.cache
+def light() -> Arc:
+    """The box of heavy-push, not so heavy: one finger pushes it."""
+    scene = load("heavy-push")
+    body = scene.object.model_dump(mode="json", exclude_defaults=True)
+    return made(changed(scene, object={**body, "mass": 0.2}))
+
+
+def drawing(a: Arc):
+    """The arguments of `drawn` for an arc, all candidates looked over, and the legal ones."""
+    hand, path, scan, terms = a.hand, a.path, a.scan(), a.terms
+    k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
+    carried = path.support_mode.shape[1] > 0
+    R_WB, p_WB = bodies_along(hand, path)
+    kept, ahead_R = np.zeros((k, count)), np.zeros((k, count, LOOKS + 1, geoms, 3, 3))
+    ahead_p, rest_R, rest_p = np.zeros(ahead_R.shape[:-1]), np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
+    for i in range(k):
+        look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[i], ahead_R[i], ahead_p[i])
+        q = hand.home[a.joints(i)]
+        R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
+        forward(hand.chains, i, q, R_WL, p_WL)
+        place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] * carried).astype(np.int64) for row in kept]
+    counts, table = np.array([len(row) for row in legal]), np.full((k, max(map(len, legal))), OUT)
+    for row, free in zip(table, legal, strict=True):
+        row[: len(free)] = free
+    fixed = (hand, path, scan, terms, np.arange(k), rest_R, rest_p)
+    lp = program(EIGHT * (k + path.support_mode.shape[1]), k)
+    return fixed, (terms.margins, kept, ahead_R, ahead_p), lp, (table, counts), legal
+
+
+@pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar", "heavy-push"])
+def test_random_choices_are_drawn_until_one_holds(name: str) -> None:
+    """Row by row of the numbers: those passed over hold nothing, the one returned costs what it says; all choices legal."""
+    fixed, seen, lp, (table, counts), legal = drawing(arc(name))
+    k = len(counts)
+    u, choice, at, found = np.random.default_rng(0).random((400, k)), np.zeros(k, np.int64), 0, 0
+    while True:
+        before = at
+        at, cost = drawn(*fixed, choice, *seen, lp, table, counts, u, at)
+        rows = [[legal[a][int(u[row, a] * counts[a])] for a in range(k)] for row in range(before, at)]
+        costs = [grasp_cost(*fixed, np.array(row), *seen, np.inf, lp) for row in rows]
+        if cost == np.inf:
+            assert at == len(u)
+            assert np.all(np.isinf(costs))
+            break
+        assert np.all(np.isinf(costs[:-1]))
+        assert costs[-1] == pytest.approx(cost, rel=1e-9)
+        np.testing.assert_array_equal(choice, rows[-1])
+        found += 1
+    assert found > 1
+    assert drawn(*fixed, choice, *seen, lp, table, counts, u, len(u)) == (len(u), np.inf)
+
+
+def test_nobody_has_to_touch_what_a_table_holds_but_somebody_does() -> None:
+    """All agents off is no grasp; one alone may be. In the air nobody may be left out."""
+    fixed, seen, lp, _, legal = drawing(light())
+    none = np.full(len(legal), OUT)
+    assert grasp_cost(*fixed, none, *seen, np.inf, lp) == np.inf
+    alone = []
+    for i, c in [(i, c) for i, row in enumerate(legal) for c in row if c != OUT]:
+        choice = none.copy()
+        choice[i] = c
+        alone.append(grasp_cost(*fixed, choice, *seen, np.inf, lp))
+    assert min(alone) < np.inf
+    assert all(OUT in row for row in legal)
+    assert not any(OUT in row for row in drawing(arc("fig3-puma3"))[-1])
+
+
+@pytest.mark.parametrize(
+    ("name", "off"), [("heavy-push", ()), ("fig3-puma3", ()), ("fig2-planar", (0,)), ("fig2-planar", (2,))]
+)
+def test_a_stance_says_on_which_candidates_its_agents_stand(name: str, off: tuple[int, ...]) -> None:
+    """OUT for those that are off, who rest; the others' contacts are the candidates' points."""
+    a = arc(name)
+    for seed in range(3):
+        scan = a.scan()
+        stance = find_grasp(
+            a.hand, a.path, scan, a.terms, off, a.task.names, a.task.settings.grasp, np.random.default_rng(seed)
+        )
+        assert isinstance(stance, Stance)
+        np.testing.assert_array_equal(stance.candidates != OUT, stance.grasp.holds == 1)
+        assert np.all(stance.candidates[list(off)] == OUT)
+        for i, c in enumerate(stance.candidates):
+            q = stance.grasp.q[a.joints(i)]
+            if c == OUT:
+                np.testing.assert_array_equal(q, a.hand.home[a.joints(i)])
+            else:
+                np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[i, 0, c])
+                np.testing.assert_array_equal(q, scan.q[i, 0, c, : len(q)])

@@ -5,8 +5,11 @@ import pytest
 from arcs import NAMES, Arc, Oracle, arc, between, height
 
 from regrasp.planner.chain import ContactMotions
+from regrasp.planner.legs import rest_at
 from regrasp.planner.motions import ONTO, STAY
+from regrasp.planner.passage import LEAP, ROUND, WAYS, leaps
 from regrasp.planner.relocation import choose
+from regrasp.planner.scan import new_scan
 
 
 def relocating(a: Arc, i: int, j: int) -> ContactMotions:
@@ -46,3 +49,48 @@ def test_a_relocating_agents_whole_way_is_clear(name: str) -> None:
                 if 4 * (m // 4) < s < len(q) - 1 - 4 * (m // 4):
                     assert height(a, (U @ Vt).T @ (oracle.tip(i)[1] - p)) >= a.hand.size_T[i, 0] + a.terms.clearance
     assert found > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_body_leaps_if_it_goes_farther_than_the_limit_between_two_rows(name: str) -> None:
+    """Centres of all geoms of an agent, by MuJoCo's kinematics, for small, middling and wild motions."""
+    a = arc(name)
+    oracle, rng, verdicts = Oracle(a.task), np.random.default_rng(0), []
+    for i, agent in enumerate(a.task.world.agents):
+        mine = a.joints(i)
+        n_a, geoms = mine.stop - mine.start, int(a.hand.geom_start[i + 1] - a.hand.geom_start[i])
+        scratch = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty((geoms, 3, 3)), np.empty((geoms, 3))
+        for size in (0.0, 0.05, 0.2, 0.4, 0.8, 1.5):
+            q = np.clip(a.hand.home[mine] + size * rng.normal(size=(4, n_a)), agent.lower, agent.upper)
+            places = []
+            for row in q:
+                joints = a.hand.home.copy()
+                joints[mine] = row
+                oracle.put(a.path.R_WO[0, 0], a.path.p_WO[0, 0], joints)
+                places.append(oracle.data.geom_xpos[agent.geoms].copy())
+            far = np.max(np.linalg.norm(np.diff(places, axis=0), axis=-1))
+            verdicts.append(leaps(a.hand, i, q, *scratch))
+            assert verdicts[-1] == (far > LEAP)
+    assert {True, False} == set(verdicts)
+
+
+def test_only_round_an_object_that_stands_still_are_further_ways_tried() -> None:
+    """Of all free motions in a random plan: by one of the ROUND ways only where the object does not move."""
+    still, moving = set(), set()
+    for name in ("book-shelf", "wall-pivot", "fig4-relocation"):
+        a = arc(name)
+        pose = a.path.R_WO[0, 0], a.path.p_WO[0, 0]
+        for path, ways in ((a.path, moving), (rest_at(a.task, pose, 4), still)):
+            n = len(path.R_WO)
+            scan = new_scan(a.hand, path, a.task.settings.local.relocation)
+            problem = ContactMotions(
+                a.hand, path, scan, a.terms, a.grasp, np.full((n, len(a.task.names)), STAY, np.int16)
+            )
+            rng = np.random.default_rng(0)
+            for _ in range(60):
+                V = np.full((n, len(a.task.names)), STAY, np.int16)
+                V[1, rng.integers(len(a.task.names))] = ONTO + rng.integers(len(scan.p_O))
+                problem.reset(V)
+                ways |= set(problem.current.way[1].tolist())
+    assert max(moving) < WAYS
+    assert WAYS <= max(still) < WAYS + ROUND

@@ -1,0 +1,192 @@
+"""A leg in the simplest way that works: contacts kept, a new grasp where the object rests, halves; each certified in a plan."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from arcs import arc
+
+from regrasp.plan import OFF, RELOCATE
+from regrasp.planner import legs
+from regrasp.planner.arcs import Arc
+from regrasp.planner.assemble import Segment
+from regrasp.planner.clock import start_clock
+from regrasp.planner.configurations import Grasp
+from regrasp.planner.grasp import Stance
+from regrasp.planner.legs import (
+    STAYED,
+    TOOK_HOLD,
+    Planned,
+    intervals,
+    path_of,
+    pieces_of,
+    plan_leg,
+    rest_at,
+    stance_for,
+    stay,
+    take_hold,
+    without_search,
+)  # fmt: skip
+from regrasp.planner.local import LocalPlanner
+from regrasp.planner.method import plan_of
+from regrasp.planner.outcome import Failure
+from regrasp.planner.poses import START
+from regrasp.planner.task import Settings, Task, prepare
+from regrasp.scene.load import load
+from regrasp.search.annealing import Settings as Annealing
+from regrasp.verify.check import check
+
+
+@pytest.fixture(scope="module")
+def book() -> tuple[Task, list[Arc]]:
+    """Two fingers and a book that slides on its shelf and rests wherever it is."""
+    task = prepare(load("book-shelf"), Settings())
+    route = task.router.route(START, lambda: False, lambda _: None)
+    assert not isinstance(route, Failure)
+    return task, [leg.arc for leg in route]
+
+
+def stance(task: Task, arcs: list[Arc], seed: int) -> Stance:
+    """The grasp that one random choice leads to."""
+    one = dataclasses.replace(task.settings, grasp=dataclasses.replace(task.settings.grasp, restarts=1))
+    task = dataclasses.replace(task, settings=one)
+    made = stance_for(task, path_of(task, arcs), np.random.default_rng(seed), ())
+    assert isinstance(made, Stance), made
+    return made
+
+
+def proved(task: Task, segments: list[Segment]) -> None:
+    """The plan of these segments leads to the goal and is certified."""
+    plan = plan_of(task, segments, 0, True)
+    assert not isinstance(plan, Failure), str(plan)
+    certificate = check(plan)
+    assert certificate.passed, [str(finding) for finding in certificate.refusals]
+
+
+@pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar", "book-shelf", "wall-pivot"])
+def test_who_stays_keeps_its_contact(name: str) -> None:
+    """The point on the object is that of the grasp at every sample; the grasp at the end has the same points."""
+    a = arc(name)
+    made = stay(a.task, a.path, a.grasp, "here")
+    assert not isinstance(made, Failure), str(made)
+    segment, after = made
+    held = a.grasp.holds == 1
+    np.testing.assert_array_equal(after.holds, a.grasp.holds)
+    np.testing.assert_allclose(after.p_OC[held], a.grasp.p_OC[held], atol=1e-9)
+    points = segment.motion.p_OC_O[:, :, held]
+    np.testing.assert_allclose(points, np.broadcast_to(a.grasp.p_OC[held], points.shape), atol=1e-6)
+    assert not np.any(segment.motion.V[:, held])
+
+
+def test_a_grasp_that_does_not_hold_is_not_kept() -> None:
+    """One of three fingers lets go: the failure says what breaks and where."""
+    a = arc("fig3-puma3")
+    holds = a.grasp.holds.copy()
+    holds[0] = 0
+    q = a.grasp.q.copy()
+    q[a.joints(0)] = a.hand.home[a.joints(0)]
+    g = a.grasp
+    failure = stay(a.task, a.path, Grasp(q, holds, g.p_OC, g.p_TC, g.R_OT), "there")
+    assert isinstance(failure, Failure)
+    assert failure.constraint == "equilibrium"
+    assert failure.where.startswith("there")
+
+
+def test_the_grasp_changes_while_the_object_stands_still(book: tuple[Task, list[Arc]]) -> None:
+    """From the grasp of one random choice to that of another, then on to the goal: certified as one plan."""
+    task, arcs = book
+    before, *others = (stance(task, arcs, seed) for seed in range(1, 12))
+    wanted = next(
+        other for other in others
+        if not np.array_equal(other.candidates, before.candidates)
+        and not isinstance(stay(task, path_of(task, arcs), other.grasp, ""), Failure)
+    )  # fmt: skip
+    changed = take_hold(task, arcs[0].start, before.grasp, wanted, "segment 1")
+    assert not isinstance(changed, Failure), str(changed)
+    segment, grasp = changed
+    np.testing.assert_array_equal(grasp.holds, wanted.grasp.holds)
+    np.testing.assert_allclose(grasp.p_OC, wanted.grasp.p_OC, atol=1e-9)
+    path = segment.motion.path
+    assert np.ptp(path.p_WO.reshape(-1, 3), axis=0).max() == 0.0
+    assert np.ptp(path.R_WO.reshape(-1, 9), axis=0).max() == 0.0
+    # One moves at a time; the others hold their contacts or are off.
+    assert np.all(np.sum(segment.motion.V == RELOCATE, axis=1) <= 1)
+    assert set(np.unique(segment.motion.V)) <= {0, RELOCATE, OFF}
+    on = stay(task, path_of(task, arcs), grasp, "segment 2")
+    assert not isinstance(on, Failure), str(on)
+    proved(task, [segment, on[0]])
+
+
+def test_a_leg_keeps_the_grasp_at_hand_if_it_can_and_takes_hold_if_there_is_none(book: tuple[Task, list[Arc]]) -> None:
+    task, arcs = book
+    rng = np.random.default_rng(0)
+    fresh = without_search(task, arcs, None, 0, rng, 0)
+    assert isinstance(fresh, Planned)
+    assert (fresh.how, fresh.failure, len(fresh.segments)) == (TOOK_HOLD, None, 1)
+    kept = without_search(task, arcs, stance(task, arcs, 1).grasp, 0, rng, 0)
+    assert isinstance(kept, Planned)
+    assert (kept.how, len(kept.segments)) == (STAYED, 1)
+    for planned in (fresh, kept):
+        proved(task, planned.segments)
+
+
+def test_what_cannot_be_held_whole_is_held_in_halves(
+    book: tuple[Task, list[Arc]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If no contacts last for more than half of the arc, they are taken anew where the book rests in its middle."""
+    task, arcs = book
+    half = len(path_of(task, arcs[:1]).R_WO) // 2 + 1
+
+    def short(task: Task, path, grasp: Grasp, stage: str):
+        return Failure("reach", stage, "", "too far", "") if len(path.R_WO) > half else stay(task, path, grasp, stage)
+
+    monkeypatch.setattr(legs, "stay", short)
+    planned = without_search(task, arcs, None, 0, np.random.default_rng(0), 1)
+    assert isinstance(planned, Planned)
+    assert planned.failure is None
+    assert len(planned.segments) >= 2
+    for one, two in itertools.pairwise(planned.segments):
+        np.testing.assert_allclose(one.motion.path.p_WO[-1, -1], two.motion.path.p_WO[0, 0], atol=1e-12)
+        np.testing.assert_allclose(one.motion.joints[-1, -1], two.motion.joints[0, 0], atol=1e-9)
+    proved(task, planned.segments)
+    whole = without_search(task, arcs, None, 0, np.random.default_rng(0), 0)
+    assert isinstance(whole, Planned)
+    assert whole.failure is not None
+
+
+def test_what_contacts_cannot_be_kept_on_is_annealed() -> None:
+    """Half a turn in four fingers: no grasp lasts; a search with few moves says what it could not do, and where."""
+    settings = Settings(local=LocalPlanner(attempts=1, annealing=Annealing(iterations=40, trials=10)))
+    task = prepare(load("fig4-relocation"), settings)
+    route = task.router.route(START, lambda: False, lambda _: None)
+    assert not isinstance(route, Failure)
+    arcs, rng = [leg.arc for leg in route], np.random.default_rng(0)
+    stance_ = stance_for(task, pieces_of(task, arcs[0])[0], rng, ())
+    assert isinstance(stance_, Stance)
+    planned = plan_leg(task, arcs, stance_.grasp, 0, rng, lambda _: None, start_clock(0.0))
+    assert isinstance(planned, Planned)
+    assert planned.how == legs.ANNEALED
+    assert len(planned.segments[-1].energy) == 41
+
+
+def test_paths_join_and_have_the_intervals_that_turn_and_travel_ask_for(book: tuple[Task, list[Arc]]) -> None:
+    task, arcs = book
+    s, radius = task.settings, task.hand.radius
+    for a in (*arcs, *arcs[0].halves()):
+        n = intervals(task, a)
+        assert n >= 4
+        assert a.angle / n <= s.turn * (1.0 + 1e-9)
+        assert a.length(0.0) / n <= s.travel * radius * (1.0 + 1e-9)
+        whole, pieces = path_of(task, [a]), pieces_of(task, a)
+        assert len(whole.R_WO) == n
+        assert all(len(piece.R_WO) <= s.intervals for piece in pieces)
+        ends = [(pieces[0].p_WO[0, 0], a.start[1]), (pieces[-1].p_WO[-1, -1], a.goal[1])]
+        ends += [(one.p_WO[-1, -1], two.p_WO[0, 0]) for one, two in itertools.pairwise(pieces)]
+        for one, two in ends:
+            np.testing.assert_allclose(one, two, atol=1e-12)
+    both = path_of(task, list(arcs[0].halves()))
+    np.testing.assert_allclose(both.p_WO[-1, -1], arcs[0].goal[1], atol=1e-12)
+    still = rest_at(task, arcs[0].start, 3)
+    assert still.R_WO.shape[0] == 3
+    assert np.ptp(still.p_WO.reshape(-1, 3), axis=0).max() == 0.0
