@@ -1,5 +1,6 @@
 """Start grasps: found ones balance with room to spare and are clear, given ones are what was given."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -244,3 +245,22 @@ def test_a_stance_says_on_which_candidates_its_agents_stand(name: str, off: tupl
             else:
                 np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[i, 0, c])
                 np.testing.assert_array_equal(q, scan.q[i, 0, c, : len(q)])
+
+
+@pytest.mark.parametrize("name", ["fig3-puma3", "fig4-relocation", "heavy-push"])
+def test_more_restarts_find_no_worse_grasp(name: str) -> None:
+    """With the same random numbers, of which the first are the same."""
+    a = arc(name)
+    fixed, (margins, *seen), lp, _, _ = drawing(a)
+    use = 1.0 - a.task.settings.grasp.friction_use
+    margins = dataclasses.replace(margins, friction=max(margins.friction, use))
+    for seed in range(3):
+        costs = []
+        for restarts in (1, 2, 3, 6):
+            settings = dataclasses.replace(a.task.settings.grasp, restarts=restarts)
+            stance = find_grasp(
+                a.hand, a.path, a.scan(), a.terms, (), a.task.names, settings, np.random.default_rng(seed)
+            )
+            assert isinstance(stance, Stance)
+            costs.append(grasp_cost(*fixed, stance.candidates, margins, *seen, np.inf, lp))
+        assert np.all(np.diff(costs) <= 1e-9)

@@ -26,7 +26,6 @@ from regrasp.planner.legs import (
     stance_for,
     stay,
     take_hold,
-    without_search,
 )  # fmt: skip
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import plan_of
@@ -54,6 +53,11 @@ def stance(task: Task, arcs: list[Arc], seed: int) -> Stance:
     made = stance_for(task, path_of(task, arcs), np.random.default_rng(seed), ())
     assert isinstance(made, Stance), made
     return made
+
+
+def led(task: Task, arcs: list[Arc], grasp: Grasp | None) -> Planned | Failure:
+    """The first of the arcs, planned from a grasp."""
+    return plan_leg(task, arcs, grasp, 0, np.random.default_rng(0), lambda _: None, start_clock(0.0))
 
 
 def proved(task: Task, segments: list[Segment]) -> None:
@@ -120,11 +124,10 @@ def test_the_grasp_changes_while_the_object_stands_still(book: tuple[Task, list[
 
 def test_a_leg_keeps_the_grasp_at_hand_if_it_can_and_takes_hold_if_there_is_none(book: tuple[Task, list[Arc]]) -> None:
     task, arcs = book
-    rng = np.random.default_rng(0)
-    fresh = without_search(task, arcs, None, 0, rng, 0)
+    fresh = led(task, arcs, None)
     assert isinstance(fresh, Planned)
     assert (fresh.how, fresh.failure, len(fresh.segments)) == (TOOK_HOLD, None, 1)
-    kept = without_search(task, arcs, stance(task, arcs, 1).grasp, 0, rng, 0)
+    kept = led(task, arcs, stance(task, arcs, 1).grasp)
     assert isinstance(kept, Planned)
     assert (kept.how, len(kept.segments)) == (STAYED, 1)
     for planned in (fresh, kept):
@@ -142,17 +145,14 @@ def test_what_cannot_be_held_whole_is_held_in_halves(
         return Failure("reach", stage, "", "too far", "") if len(path.R_WO) > half else stay(task, path, grasp, stage)
 
     monkeypatch.setattr(legs, "stay", short)
-    planned = without_search(task, arcs, None, 0, np.random.default_rng(0), 1)
+    planned = led(task, arcs, None)
     assert isinstance(planned, Planned)
-    assert planned.failure is None
+    assert (planned.how, planned.failure) == (TOOK_HOLD, None)
     assert len(planned.segments) >= 2
     for one, two in itertools.pairwise(planned.segments):
         np.testing.assert_allclose(one.motion.path.p_WO[-1, -1], two.motion.path.p_WO[0, 0], atol=1e-12)
         np.testing.assert_allclose(one.motion.joints[-1, -1], two.motion.joints[0, 0], atol=1e-9)
     proved(task, planned.segments)
-    whole = without_search(task, arcs, None, 0, np.random.default_rng(0), 0)
-    assert isinstance(whole, Planned)
-    assert whole.failure is not None
 
 
 def test_what_contacts_cannot_be_kept_on_is_annealed() -> None:

@@ -10,7 +10,7 @@ from regrasp.cli import main
 HERE = Path(__file__).parent / "impossible"
 REASONS = {
     "goal-in-wall": ("collision", ("goal.pose", "wall")),
-    "passage-too-narrow": ("route", ("wall", "too narrow")),
+    "passage-too-narrow": ("route", ("wall", "table")),
     "too-weak": ("equilibrium", ("table", "max_force")),
 }
 
