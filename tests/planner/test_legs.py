@@ -23,7 +23,7 @@ from regrasp.planner.legs import (
     pieces_of,
     plan_leg,
     rest_at,
-    stance_for,
+    stances_for,
     stay,
     take_hold,
 )  # fmt: skip
@@ -50,9 +50,9 @@ def stance(task: Task, arcs: list[Arc], seed: int) -> Stance:
     """The grasp that one random choice leads to."""
     one = dataclasses.replace(task.settings, grasp=dataclasses.replace(task.settings.grasp, restarts=1))
     task = dataclasses.replace(task, settings=one)
-    made = stance_for(task, path_of(task, arcs), np.random.default_rng(seed), ())
-    assert isinstance(made, Stance), made
-    return made
+    made = stances_for(task, path_of(task, arcs), np.random.default_rng(seed), ())
+    assert not isinstance(made, Failure), made
+    return made[0]
 
 
 def led(task: Task, arcs: list[Arc], grasp: Grasp | None) -> Planned | Failure:
@@ -162,9 +162,9 @@ def test_what_contacts_cannot_be_kept_on_is_annealed() -> None:
     route = task.router.route(START, lambda: False, lambda _: None)
     assert not isinstance(route, Failure)
     arcs, rng = [leg.arc for leg in route], np.random.default_rng(0)
-    stance_ = stance_for(task, pieces_of(task, arcs[0])[0], rng, ())
-    assert isinstance(stance_, Stance)
-    planned = plan_leg(task, arcs, stance_.grasp, 0, rng, lambda _: None, start_clock(0.0))
+    stances = stances_for(task, pieces_of(task, arcs[0])[0], rng, ())
+    assert not isinstance(stances, Failure)
+    planned = plan_leg(task, arcs, stances[0].grasp, 0, rng, lambda _: None, start_clock(0.0))
     assert isinstance(planned, Planned)
     assert planned.how == legs.ANNEALED
     assert len(planned.segments[-1].energy) == 41

@@ -77,10 +77,12 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         if reason:
             reasons.append(f"seed {seed}: {reason}")
     radius = max(scene.object.size)
-    counts = (
-        [len(plan.V) for plan in plans], [int(np.sum(plan.V == RELOCATE)) for plan in plans],
-        [detour(plan, radius) for plan in plans], [plan.summary()["largest_force"] for plan in plans],
-    )  # fmt: skip
+    counts: tuple[list[float], ...] = (
+        [len(plan.V) for plan in plans],
+        [int(np.sum(plan.V == RELOCATE)) for plan in plans],
+        [detour(plan, radius) for plan in plans],
+        [plan.summary()["largest_force"] for plan in plans],
+    )
     return {
         "scene": name,
         "planned": len(plans),

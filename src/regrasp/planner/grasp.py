@@ -290,8 +290,8 @@ def drawn(
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
     settings: GraspSearch, rng: np.random.Generator,
-) -> Stance | Failure:  # fmt: skip
-    """A start grasp (`auto`) on candidates of the scan, with the least cost found.
+) -> tuple[Stance, ...] | Failure:  # fmt: skip
+    """Start grasps (`auto`) on candidates of the scan, what each restart leads to, the one of the least cost first.
 
     All agents hold that are not off; where supports carry the object, as many as it costs least.
     """
@@ -331,7 +331,6 @@ def find_grasp(
             or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, -1], p_WB[0, -1], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
-    best, best_choice = np.inf, None
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
     counts, table = np.array([len(free) for free in legal]), np.full((len(agents), max(map(len, legal))), OUT)
@@ -339,23 +338,27 @@ def find_grasp(
         row[: len(free)] = free
     u, at = rng.random((settings.tries, len(agents))), 0
     fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
+    found: dict[tuple[int, ...], float] = {}
     for _ in range(settings.restarts):
         at, cost = drawn(*fixed, choice, margins, kept, ahead_R, ahead_p, lp, table, counts, u, at)
         if cost == np.inf:
             break
         cost = improve(*fixed, choice, margins, kept, ahead_R, ahead_p, cost, lp)
-        if cost < best:
-            best, best_choice = cost, choice
-    if best_choice is None:
+        found.setdefault(tuple(choice.tolist()), cost)
+    if not found:
         return Failure(
             "equilibrium", "start", "", "no grasp within reach holds the object",
             "more friction, a larger max_force, a lighter object, or another agent",
         )  # fmt: skip
-    contacts, candidates = {}, np.full(k, OUT)
-    for a, i in enumerate(agents):
+    return tuple(stance_of(hand, path, scan, agents, choice) for choice in sorted(found, key=lambda each: found[each]))
+
+
+def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: tuple[int, ...]) -> Stance:
+    """The grasp at the path's start with agent agents[a] on candidate choice[a]."""
+    contacts, candidates = {}, np.full(len(hand.tip_geom), OUT)
+    for i, c in zip(agents.tolist(), choice, strict=True):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-        c = best_choice[a]
         if c != OUT:
             candidates[i] = c
-            contacts[int(i)] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
+            contacts[i] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
     return Stance(build_grasp(hand, path.R_WO[0, 0], contacts), candidates)

@@ -28,6 +28,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
+STANCES = 3  # grasps that are tried where agents take hold
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
@@ -82,8 +83,8 @@ def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
     return nominal_path(R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports)
 
 
-def stance_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> Stance | Failure:
-    """A grasp at the start of a path with which the agents can stay in contact along it, if there is one."""
+def stances_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> tuple[Stance, ...] | Failure:
+    """Grasps at the start of a path, those first with which the agents can probably stay in contact along it."""
     scan = new_scan(task.hand, path, task.settings.local.relocation)
     return find_grasp(
         task.hand, path, scan, terms_of(task.hand, task.settings.local), off, task.names, task.settings.grasp, rng
@@ -174,24 +175,18 @@ def without_search(
         failed = made
     if grasp is None or task.router.rests(arcs[0].start):
         for count in dict.fromkeys((len(arcs), 1)):
-            stance = stance_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
-            if isinstance(stance, Failure):
-                failed = failed or stance
+            stances = stances_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
+            if isinstance(stances, Failure):
+                failed = failed or stances
                 continue
-            before: list[Segment] = []
-            now = stance.grasp
-            if grasp is not None:
-                changed = take_hold(task, arcs[0].start, grasp, stance, stage)
-                if isinstance(changed, Failure):
-                    failed = failed or changed
-                    continue
-                before, now = [changed[0]], changed[1]
-            made = stay(task, whole, now, stage)
-            if not isinstance(made, Failure):
-                return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
-            if clock.up():
-                return Planned(before, now, TOOK_HOLD, made)
-            failed = Planned(before, now, TOOK_HOLD, made)
+            for stance in stances[:STANCES]:
+                held = taken(task, arcs[0], whole, grasp, stance, stage)
+                if isinstance(held, Planned) and held.failure is None:
+                    return held
+                if isinstance(held, Planned) or failed is None:
+                    failed = held
+                if clock.up():
+                    return failed
     if halvings > 0 and not clock.up() and len(whole.R_WO) >= SHORTEST and task.router.rests(arcs[0].pose(0.5)):
         one, two = arcs[0].halves()
         there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, clock, halvings - 1)
@@ -202,6 +197,21 @@ def without_search(
                 return Planned(there.segments + rest.segments, rest.grasp, TOOK_HOLD, None)
     assert failed is not None
     return failed
+
+
+def taken(task: Task, arc: Arc, whole: Path, grasp: Grasp | None, stance: Stance, stage: str) -> Planned | Failure:
+    """The arc with the contacts of a stance, which the agents take at its start, and keep."""
+    before: list[Segment] = []
+    now = stance.grasp
+    if grasp is not None:
+        changed = take_hold(task, arc.start, grasp, stance, stage)
+        if isinstance(changed, Failure):
+            return changed
+        before, now = [changed[0]], changed[1]
+    made = stay(task, whole, now, stage)
+    if isinstance(made, Failure):
+        return Planned(before, now, TOOK_HOLD, made)
+    return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
 
 
 def annealed(

@@ -10,7 +10,7 @@ from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import Planned, path_of, pieces_of, plan_leg, stance_for
+from regrasp.planner.legs import Planned, path_of, pieces_of, plan_leg, stances_for
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report, Tried
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.poses import GOAL, START
@@ -20,6 +20,8 @@ from regrasp.planner.warm import warmed
 from regrasp.scene.schema import Scene
 
 Array = NDArray[np.float64]
+
+SOON = 200  # poses of the first route that are looked at when the time is up
 
 
 def start_grasp(task: Task, leg: Leg) -> Grasp | Failure | None:
@@ -38,8 +40,8 @@ def opening(task: Task, rng: np.random.Generator) -> tuple[Path, Grasp] | Failur
     path = pieces_of(task, route[0].arc)[0]
     grasp = start_grasp(task, route[0])
     if grasp is None:
-        stance = stance_for(task, path, rng, tuple(task.names.index(name) for name in task.world.scene.start.off))
-        grasp = stance if isinstance(stance, Failure) else stance.grasp
+        stances = stances_for(task, path, rng, tuple(task.names.index(name) for name in task.world.scene.start.off))
+        grasp = stances if isinstance(stances, Failure) else stances[0].grasp
     return grasp if isinstance(grasp, Failure) else (path, grasp)
 
 
@@ -88,8 +90,9 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
     tried: list[Tried] = []
     for attempt in range(settings.arcs):
         report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
-        # A first arc is planned however little time there is, so that there is something to show.
-        route = task.router.route(here, clock.up if attempt > 0 else lambda: False, report)
+        # A first arc is planned however little time there is, so that there is something to show, if it is soon found.
+        stop = clock.up if attempt > 0 else lambda: clock.up() and len(task.router.graph.poses) > SOON
+        route = task.router.route(here, stop, report)
         if attempt > 0 and clock.up():
             break
         if isinstance(route, Failure):

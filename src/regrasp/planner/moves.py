@@ -25,7 +25,10 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 U = np.linspace(0.0, 1.0, 9)  # parts of an arc at which it is compared with the freedoms
 FLAT = 1e-6  # directions that differ by less are parallel, or across
 OVER = 0.55 * math.pi  # rad: a pivot that meets nothing ends here
+STEEP = 0.1  # sine of the slope above which an axis is told from its downhill direction
 LEAST = 0.05  # rad: a pivot that gets less far is none
+DISC = 8  # corners of a patch that stands for a disc, or more
+SHORT = 1e-4  # m: an edge shorter than this is none
 ROUND = (SPHERE, CAPSULE, CYLINDER)
 
 
@@ -63,7 +66,7 @@ def along_surfaces(d: Array, normals: list[Array]) -> Array | None:
         for n in normals:
             d = d - min(0.0, float(d @ n)) * n
     length = float(np.linalg.norm(d))
-    if length < 0.3 or any(d @ n < -FLAT for n in normals):
+    if length < STEEP or any(d @ n < -FLAT for n in normals):
         return None
     return np.asarray(d / length)
 
@@ -111,19 +114,33 @@ def pivots(pose: Pose, patches: list[Patch], rounding: float) -> Iterator[Arc]:
         if count < 2:
             continue
         middle = np.mean(corners, axis=0)
-        edges = [(a, (a + 1) % count) for a in range(count)] if count > 2 else [(0, 1), (1, 0)]
-        for a, b in edges:
-            edge = corners[b] - corners[a]
-            length = float(np.linalg.norm(edge))
-            if length < 1e-4:
-                continue
-            axis = edge / length
-            if count > 2 and float(np.cross(axis, middle - corners[a]) @ n) < 0.0:
+        for corner, axis in edges_of(corners, n):
+            if count > 2 and float(np.cross(axis, middle - corner) @ n) < 0.0:
                 axis = -axis
-            w, centre = OVER * axis, corners[a] + rounding * n
+            w, centre = OVER * axis, corner + rounding * n
             yield Arc(pose, w, centre, rounding * np.cross(w, n), "pivot")
             yield Arc(pose, w, centre, np.zeros(3), "pivot")
-            yield Arc(pose, w, corners[a], np.zeros(3), "pivot")
+            yield Arc(pose, w, corner, np.zeros(3), "pivot")
+
+
+def edges_of(corners: Array, n: Array) -> Iterator[tuple[Array, Array]]:
+    """Points and unit directions of the lines over which an object tips on a patch with these corners (c, 3).
+
+    Its edges; of a disc, which has many corners, the tangents at some; of a line itself, to both sides, and across its ends.
+    """
+    count = len(corners)
+    if count >= DISC:
+        for corner in corners[:: count // 4]:
+            tangent = np.cross(n, corner - np.mean(corners, axis=0))
+            yield corner, tangent / np.linalg.norm(tangent)
+        return
+    for a in range(count):
+        edge = corners[(a + 1) % count] - corners[a]
+        length = float(np.linalg.norm(edge))
+        if length >= SHORT:
+            yield corners[a], edge / length
+            if count == 2:
+                yield corners[a], np.cross(edge / length, n)
 
 
 def rolls(pose: Pose, patches: list[Patch], kind_O: int, size_O: Array, angle: float) -> Iterator[Arc]:
