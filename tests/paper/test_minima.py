@@ -14,7 +14,7 @@ from regrasp.planner.motions import ONTO, RELOCATE
 from regrasp.planner.scan import FREE, new_scan
 from regrasp.search.annealing import Settings, anneal
 
-STARTS, INTERVALS, EVALUATIONS = 30, 4, 4000
+STARTS, INTERVALS, EVALUATIONS = 16, 10, 4000
 ANNEALING = Settings(iterations=EVALUATIONS - 200, trials=200)
 DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 
@@ -22,7 +22,7 @@ DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 @pytest.fixture(scope="module")
 def searches():
     """From each random V: the problem at the end of a downhill search, and annealing's least energy."""
-    work = job("fig3-puma3", intervals=INTERVALS)  # the first of its segments: the claim needs no more
+    work = job("fig3-puma3", intervals=INTERVALS)  # its whole way
     hand, local = work.task.hand, work.task.settings.local
     terms = terms_of(hand, local)
     scan = new_scan(hand, work.path, local.relocation)  # it only remembers: shared by all searches
@@ -52,7 +52,7 @@ def test_downhill_ends_in_different_local_minima(searches):
                 around.append(cold.evaluate(Change(other, i, j, j), math.inf))
         if min(around) >= cold.energy() - 1e-9:
             minima[V.tobytes()] = cold.energy()
-    assert len(minima) > STARTS // 2
+    assert len(minima) > STARTS // 2, len(minima)
     assert max(minima.values()) > 1.2 * min(minima.values())
 
 

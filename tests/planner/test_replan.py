@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from regrasp.bench.replans import Displaced, asked, draws, moved
+from regrasp.bench.replans import Displaced, asked, draws, inside, moved
 from regrasp.errors import InputError
 from regrasp.plan import OFF, RELOCATE, STAY, Plan
 from regrasp.planner.along import apart, joints_at, pose_at
@@ -40,10 +40,10 @@ def hand(plan: Plan) -> Hand:
 
 
 def pushed(plan: Plan, hand: Hand, seed: int) -> Displaced:
-    """A state up to 20 mm and 15° off the path that the fingers reach, with the object clear of all that stands around."""
-    router = prepare(load(plan.scene["name"]), Settings()).router
+    """A state up to 20 mm and 15° off the path that the fingers reach, with no body inside another."""
     states = (state for state in draws(plan, hand, np.random.default_rng(seed)) if state is not None)
-    return next(state for state in states if not router.blocked(state.X_WO, 0.0))
+    first = dataclasses.replace(SOME, iterations=10, runs=1)
+    return next(state for state in states if not inside(asked(Replanner(plan, first), state)[0].failure))
 
 
 @pytest.mark.parametrize("part", [0.0, 0.2, 0.5, 0.9, 1.0])

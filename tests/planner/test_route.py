@@ -154,7 +154,11 @@ def test_a_leg_that_failed_is_avoided() -> None:
     (first,) = found(router)
     before = router.raised(START, GOAL)
     router.failed(first)
-    assert router.raised(START, GOAL) == pytest.approx(before * router.settings.penalty)
+    s = router.settings
+    assert router.raised(START, GOAL) == pytest.approx(before * s.penalty * s.lesson)
+    assert router.cost(START, GOAL) == pytest.approx(
+        before * s.lesson
+    )  # what all straight arcs through the air now cost
     route = found(router)
     assert len(route) > 1
     costs = [sum(router.raised(a, b) for a, b in itertools.pairwise(leg.nodes)) for leg in route]

@@ -48,7 +48,7 @@ def is_drawn(plan: Plan) -> None:
 
 def is_lifted_over_the_edge(plan: Plan) -> None:
     """It leaves the table only where it reaches over it by more than a fingertip's radius."""
-    lifted = positions(plan)[:, 2] > 0.0025 + 1e-6
+    lifted = positions(plan)[:, 2] > 0.0035 + 1e-6
     assert lifted.any()
     assert np.all(positions(plan)[lifted, 0] + 0.045 > 0.01)
 

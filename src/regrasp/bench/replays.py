@@ -21,8 +21,7 @@ OPEN_RATE = 0.95
 GUIDED_TRIALS = 20
 """The same as TRIALS where supports carry the object."""
 NEAR, NEAR_RATE = (0.01, np.radians(10.0)), 0.8
-"""m and rad within which such plans end near the goal, and the part of them that must with feedback: a plan does not know by how
-much friction on a surface is off."""
+"""m and rad within which such plans end near the goal, and the part of them that must with feedback."""
 
 
 def replays(seeds: int) -> dict[str, Any]:

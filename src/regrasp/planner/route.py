@@ -37,8 +37,8 @@ class GlobalPlanner:
     between object and obstacles. weight: how far f = g + weight · h may overestimate (the route costs at most so many times
     the least). nodes: expanded before the search gives up; poses: made before it does, each about a kilobyte. force: cost of
     one weight of holding force, in parts of an arc's length; unrest: of a subgoal on a support on which the object does not
-    rest, in radii. penalty: factor on the cost of an arc on which the local planner
-    failed. levels: resolutions tried, each finer than the one before.
+    rest, in radii. penalty: factor on the cost of an arc on which the local planner failed; lesson: on the costs of all arcs of
+    its kind with the same supports. levels: resolutions tried, each finer than the one before.
     """
 
     step: float = 0.6
@@ -50,6 +50,7 @@ class GlobalPlanner:
     force: float = 0.2
     unrest: float = 1.0
     penalty: float = 3.0
+    lesson: float = 1.3
     levels: int = 2
 
     def __post_init__(self) -> None:
@@ -79,6 +80,7 @@ class Router:
         self.gravity, self.margins = gravity, margins
         self.points = touchable(hand, tip_clearance)
         self.level, self._freedoms = 0, freedoms
+        self.lessons: dict[tuple[str, tuple[int, ...]], float] = {}
         self.start_pose, self.goal_pose = start, goal
         self._reset(start)
 
@@ -139,7 +141,11 @@ class Router:
             self._cost[a, b] = self.cost_of(arc) + (self.settings.unrest * self.hand.radius if stuck else 0.0)
             if self._cost[a, b] == math.inf:
                 self.weak.append((distance(arc.goal, self.goal_pose, self.hand.radius), arc))
-        return self._cost[a, b]
+        return self._cost[a, b] * self.learnt(self.graph.arcs[a, b])
+
+    def learnt(self, arc: Arc) -> float:
+        """Factor on the cost of an arc that failures with others of its kind have left."""
+        return self.lessons.get((arc.kind, arc.on), 1.0)
 
     def cost_of(self, arc: Arc) -> float:
         """The same of any arc."""
@@ -220,7 +226,8 @@ class Router:
                 if arc is None:
                     continue
                 along = sum(self.raised(a, b) for a, b in zip(path[here:far], path[here + 1 : far + 1], strict=True))
-                if self.penalties.apply(path[here], path[far], self.cost_of(arc)) <= along * (1.0 + 1e-9):
+                direct = self.penalties.apply(path[here], path[far], self.cost_of(arc) * self.learnt(arc))
+                if direct <= along * (1.0 + 1e-9):
                     step, best = far, arc
                     break
             out.append(Leg(best, tuple(path[here : step + 1])))
@@ -249,3 +256,4 @@ class Router:
         pairs = set(zip(leg.nodes[:-1], leg.nodes[1:], strict=True)) | {(leg.nodes[0], leg.nodes[-1])}
         for a, b in sorted(pairs):
             self.penalties.penalise(a, b, self.settings.penalty)
+        self.lessons[leg.arc.kind, leg.arc.on] = self.learnt(leg.arc) * self.settings.lesson
