@@ -149,9 +149,9 @@ def test_a_card_is_lifted_only_where_a_finger_gets_beneath_it() -> None:
     t = prepare(load("card-edge"), Settings())
     lifts, slides = [], []
     for x in (-0.05, -0.03, -0.015, -0.005, 0.005, 0.02):
-        pose = at(x, 0, 0.0025)
+        pose = at(x, 0, 0.0035)
         lifts.append(force(t, straight(pose, at(x, 0, 0.02))))
-        slides.append(force(t, straight(pose, at(x + 0.005, 0, 0.0025))))
+        slides.append(force(t, straight(pose, at(x + 0.005, 0, 0.0035))))
     assert lifts[:2] == [np.inf, np.inf]
     assert np.all(np.diff(lifts[2:]) < 0.0)
     assert np.all(np.isfinite(slides))

@@ -154,11 +154,7 @@ def test_a_leg_that_failed_is_avoided() -> None:
     (first,) = found(router)
     before = router.raised(START, GOAL)
     router.failed(first)
-    s = router.settings
-    assert router.raised(START, GOAL) == pytest.approx(before * s.penalty * s.lesson)
-    assert router.cost(START, GOAL) == pytest.approx(
-        before * s.lesson
-    )  # what all straight arcs through the air now cost
+    assert router.raised(START, GOAL) == pytest.approx(before * router.settings.penalty)
     route = found(router)
     assert len(route) > 1
     costs = [sum(router.raised(a, b) for a, b in itertools.pairwise(leg.nodes)) for leg in route]
@@ -166,6 +162,19 @@ def test_a_leg_that_failed_is_avoided() -> None:
     assert sum(costs) <= router.settings.weight * router.raised(START, GOAL)
     router.failed(route[0])
     assert [leg.nodes for leg in found(router)] != [leg.nodes for leg in route]
+
+
+def test_all_arcs_of_a_kind_are_dearer_once_one_has_failed() -> None:
+    """In a scene with supports: slides on the table by the lesson, others not at all."""
+    router = prepare(load("heavy-push"), Settings()).router
+    router.graph.neighbours(START)
+    arcs = [arc for (a, _), arc in router.graph.arcs.items() if a == START]
+    failed = next(arc for arc in arcs if arc.kind == "slide" and arc.on)
+    router.failed(Leg(failed, (START, GOAL)))
+    for arc in arcs:
+        alike = (arc.kind, arc.on) == (failed.kind, failed.on)
+        assert router.learnt(arc) == (router.settings.lesson if alike else 1.0)
+    assert len({router.learnt(arc) for arc in arcs}) == 2
 
 
 def test_a_subgoal_on_which_the_object_does_not_rest_costs_more() -> None:

@@ -122,9 +122,10 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
         here = route[0].nodes[-1]
         if here == GOAL:
             plan = plan_of(task, segments, seed, True)
-            if isinstance(plan, Failure):
-                return Outcome(None, plan, tuple(tried))
-            return Outcome(plan, None, tuple(tried))
+            if not isinstance(plan, Failure):
+                return Outcome(plan, None, tuple(tried))
+            failure, broken = plan, segments
+            here, grasp, segments = task.router.restarted(), None, []
     if not clock.up():
         return Outcome(None, failure, tuple(tried))
     ended = out_of_time(settings.time_limit, len(segments), failure)

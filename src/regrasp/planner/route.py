@@ -37,8 +37,8 @@ class GlobalPlanner:
     between object and obstacles. weight: how far f = g + weight · h may overestimate (the route costs at most so many times
     the least). nodes: expanded before the search gives up; poses: made before it does, each about a kilobyte. force: cost of
     one weight of holding force, in parts of an arc's length; unrest: of a subgoal on a support on which the object does not
-    rest, in radii. penalty: factor on the cost of an arc on which the local planner failed; lesson: on the costs of all arcs of
-    its kind with the same supports. levels: resolutions tried, each finer than the one before.
+    rest, in radii. penalty: factor on the cost of an arc on which the local planner failed; lesson: the same on all arcs of its
+    kind on the same supports, in scenes that have some. levels: resolutions tried, each finer than the one before.
     """
 
     step: float = 0.6
@@ -256,4 +256,5 @@ class Router:
         pairs = set(zip(leg.nodes[:-1], leg.nodes[1:], strict=True)) | {(leg.nodes[0], leg.nodes[-1])}
         for a, b in sorted(pairs):
             self.penalties.penalise(a, b, self.settings.penalty)
-        self.lessons[leg.arc.kind, leg.arc.on] = self.learnt(leg.arc) * self.settings.lesson
+        if self.supports:  # without them all ways are of one kind
+            self.lessons[leg.arc.kind, leg.arc.on] = self.learnt(leg.arc) * self.settings.lesson

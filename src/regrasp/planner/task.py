@@ -33,7 +33,7 @@ class Settings:
     samples: int = 12
     turn: float = 0.06
     travel: float = 0.12
-    arcs: int = 24
+    arcs: int = 36
     patience: int = 3
     time_limit: float = 0.0
     local: LocalPlanner = field(default_factory=LocalPlanner)
