@@ -28,7 +28,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
-STANCES = 3  # grasps that are tried where agents take hold
+STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
@@ -166,6 +166,7 @@ def without_search(
     keep those contacts.
     """
     stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
+    carried = whole.support_mode.shape[1] > 0
     off = tuple(task.names.index(name) for name in task.world.scene.start.off) if first == 0 else ()
     failed: Planned | Failure | None = None
     if grasp is not None:
@@ -179,7 +180,7 @@ def without_search(
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances[:STANCES]:
+            for stance in stances[: STANCES if carried else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held

@@ -85,12 +85,11 @@ class Resolution:
 
 @dataclass
 class Blocked:
-    """A body that stopped moves, where it did so nearest to the goal, and how often."""
+    """A body that stopped moves, and where it did so nearest to the goal."""
 
     body: int
     far: float
     pose: Pose
-    count: int = 0
 
 
 @dataclass
@@ -273,6 +272,5 @@ class PoseGraph:
             return
         far = distance(pose, self.goal, self.hand.radius)
         known = self.blocked.setdefault(body, Blocked(body, far, pose))
-        known.count += 1
         if far < known.far:
             known.far, known.pose = far, pose
