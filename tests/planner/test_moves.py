@@ -28,7 +28,7 @@ def begun(shape: str, supports: tuple[str, ...], start: tuple[float, ...], **fie
 
 
 def shifted(g: PoseGraph) -> list[Arc]:
-    return list(shifts(g.start, g.patches(START), g.free, g.resolution.step, g.goal))
+    return list(shifts(g.start, g.patches(START), g.resolution.step, g.goal))
 
 
 def turned(g: PoseGraph) -> list[Arc]:

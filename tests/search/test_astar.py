@@ -189,7 +189,7 @@ def test_budget_ends_the_search_with_the_nearest_node():
 
 def test_stop_ends_the_search():
     asked = iter([False, False, True])
-    outcome = astar.find(Roads(3), 0, Roads(3).goal, stop=lambda: next(asked))
+    outcome = astar.find(Roads(3), 0, Roads(3).goal, stop=lambda _: next(asked))
     assert outcome == Failure(Reason.STOPPED, outcome.nearest, 3)
 
 

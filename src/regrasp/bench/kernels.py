@@ -3,6 +3,9 @@
 import dataclasses
 import sys
 import time
+from typing import Any
+
+from rich.console import Console
 
 from regrasp.planner.method import plan_scene
 from regrasp.planner.outcome import Report
@@ -32,6 +35,13 @@ def compile_kernels() -> float:
 def only_compilation(report: Report) -> Report:
     """A report that is told of compilation only."""
     return lambda step: report(step) if step.stage == COMPILING else None
+
+
+def print_reasons(console: Console, rows: list[dict[str, Any]]) -> None:
+    """Why scenes' runs failed, below their table: each row's `reasons`."""
+    for row in rows:
+        for reason in row["reasons"]:
+            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
 
 
 def say(line: str) -> None:

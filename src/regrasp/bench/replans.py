@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from regrasp.bench.kernels import compile_kernels, say
+from regrasp.bench.kernels import compile_kernels, print_reasons, say
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse
 from regrasp.plan import RELOCATE, Plan
@@ -94,9 +94,7 @@ def replans(seeds: int) -> dict[str, Any]:
         )  # fmt: skip
     console = Console()
     console.print(table)
-    for row in rows:
-        for reason in row["reasons"]:
-            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
+    print_reasons(console, rows)
     return {"passed": all(row["median_ms"] <= 1e3 * LIMIT for row in rows), "seeds": seeds, "scenes": rows}
 
 

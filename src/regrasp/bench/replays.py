@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from regrasp.bench.kernels import compile_kernels, say
+from regrasp.bench.kernels import compile_kernels, print_reasons, say
 from regrasp.planner.method import plan_scene
 from regrasp.planner.task import Settings
 from regrasp.scene.load import builtin, load
@@ -57,9 +57,7 @@ def replays(seeds: int) -> dict[str, Any]:
     console = Console()
     console.print(table)
     console.print(tried)
-    for row in rows:
-        for reason in row["reasons"]:
-            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
+    print_reasons(console, rows)
     return {"passed": all(row["passed"] for row in rows), "seeds": seeds, "scenes": rows}
 
 

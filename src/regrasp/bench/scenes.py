@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from regrasp.bench.kernels import compile_kernels, say
+from regrasp.bench.kernels import compile_kernels, print_reasons, say
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.method import plan_scene
 from regrasp.planner.path import distance
@@ -38,9 +38,7 @@ def scenes(seeds: int) -> dict[str, Any]:
         )  # fmt: skip
     console = Console()
     console.print(table)
-    for row in rows:
-        for reason in row["reasons"]:
-            console.print(f"{row['scene']}, {reason}", markup=False, soft_wrap=True)
+    print_reasons(console, rows)
     return {"passed": all(10 * row["certified"] >= 9 * seeds for row in rows), "seeds": seeds, "scenes": rows}
 
 

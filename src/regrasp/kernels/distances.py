@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.cores import BOX, PLANE, POINT, SEGMENT, support
 from regrasp.kernels.gjk import gap
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import Array, multiply
+from regrasp.kernels.rotations import Array
 
 STATIC, OBJECT = -1, -2  # owners of the geoms that are no agent's
 
@@ -28,15 +28,6 @@ class Geoms(Record):
     bound: Array  # (G,) radius of the ball around the geom's origin that holds it; inf for a half-space
     agent: NDArray[np.int64]  # (G,) index of the agent, STATIC or OBJECT
     link: NDArray[np.int64]  # (G,) index into the poses that chains.forward writes; 0 for STATIC and OBJECT
-
-
-@njit(cache=True, nogil=True)
-def place(geoms: Geoms, g: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
-    """Pose of geom g in the world, written to R_WG (3, 3) and p_WG (3,), from that of what carries it (one pose)."""
-    multiply(R_WL, geoms.R_LG[g], R_WG)
-    o = geoms.p_LG[g]
-    for r in range(3):
-        p_WG[r] = p_WL[r] + R_WL[r, 0] * o[0] + R_WL[r, 1] * o[1] + R_WL[r, 2] * o[2]
 
 
 @njit(cache=True, nogil=True)
@@ -121,7 +112,7 @@ def distance(
     kind_B: int, core_B: Array, r_B: float, R_B: Array, p_B: Array,
     limit: float,
 ) -> float:  # fmt: skip
-    """Distance in m between bodies A and B, each a core with a radius at a pose in W (R, p as `place` writes them).
+    """Distance in m between bodies A and B, each a core with a radius at a pose (R, p) in W.
 
     To 1e-7 m (core distance minus radii) where the bodies are apart or overlap by less than r_A + r_B. Where even the
     cores overlap: a value ≤ −(r_A + r_B), at least as deep as the overlap; exact for half-spaces and points in boxes.

@@ -117,6 +117,7 @@ def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) 
     held = [i for i in range(k) if grasp.holds[i]]
     wanted = [i for i in range(k) if there[i] != OUT]
     here = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16)
+    paths: dict[int, Path] = {}  # by the number of steps
     last: Failure | None = None
     for order in itertools.islice(itertools.permutations(range(k)), ORDERS):
         off = [(i, OFF) for i in order if i in held]
@@ -128,7 +129,9 @@ def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) 
                 V[j] = now
                 V[j, i] = code
                 now[i] = OFF if code == OFF else STAY
-            made = moved(task, rest_at(task, pose, len(steps)), grasp, V, stage)
+            if len(steps) not in paths:
+                paths[len(steps)] = rest_at(task, pose, len(steps))
+            made = moved(task, paths[len(steps)], grasp, V, stage)
             if not isinstance(made, Failure):
                 return made
             last = made
@@ -167,7 +170,7 @@ def without_search(
     """
     stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
     carried = whole.support_mode.shape[1] > 0
-    off = tuple(task.names.index(name) for name in task.world.scene.start.off) if first == 0 else ()
+    off = task.off if first == 0 else ()
     failed: Planned | Failure | None = None
     if grasp is not None:
         made = stay(task, whole, grasp, stage)

@@ -40,7 +40,7 @@ def opening(task: Task, rng: np.random.Generator) -> tuple[Path, Grasp] | Failur
     path = pieces_of(task, route[0].arc)[0]
     grasp = start_grasp(task, route[0])
     if grasp is None:
-        stances = stances_for(task, path, rng, tuple(task.names.index(name) for name in task.world.scene.start.off))
+        stances = stances_for(task, path, rng, task.off)
         grasp = stances if isinstance(stances, Failure) else stances[0].grasp
     return grasp if isinstance(grasp, Failure) else (path, grasp)
 

@@ -71,7 +71,7 @@ def along_surfaces(d: Array, normals: list[Array]) -> Array | None:
     return np.asarray(d / length)
 
 
-def shifts(pose: Pose, patches: list[Patch], freedoms: Freedoms, step: float, goal: Pose) -> Iterator[Arc]:
+def shifts(pose: Pose, patches: list[Patch], step: float, goal: Pose) -> Iterator[Arc]:
     """Straight ways: along the axes and the normals, as the surfaces allow, by a step and up to the goal's coordinate."""
     normals = [patch.n_W for patch in patches]
     seen: list[Array] = []

@@ -117,7 +117,7 @@ class PoseGraph:
         self._ways: dict[int, list[int]] = {}
         self._rest: dict[int, bool] = {}
         self.poses, self.held = [self.start, self.goal], [self.touched(self.start), self.touched(self.goal)]
-        self._cells[self._cell(self.start, self.held[START], CELL)] = START
+        self._cells[self._cell(self.start, self._turn(self.start[0]), self.held[START], CELL)] = START
 
     def touched(self, pose: Pose) -> tuple[int, ...]:
         """The supports that the object touches at a pose."""
@@ -136,15 +136,19 @@ class PoseGraph:
         found = [patch_of(self.hand, self.supports[b], *self.poses[node]) for b in self.held[node]]
         return [patch for patch in found if patch is not None]
 
-    def _cell(self, pose: Pose, held: tuple[int, ...], size: float) -> object:
-        p = np.round((pose[1] - self.start[1]) / (size * self.resolution.step)).astype(int)
+    def _turn(self, R: Array) -> int:
+        """Which of the orientations met so far stands for R; a sphere's are all one."""
         if self.hand.kind_O == SPHERE:
-            return (size, *p.tolist(), held)
-        far = angles(self._seen, pose[0])
+            return 0
+        far = angles(self._seen, R)
         turn = int(np.argmin(far))
         if far[turn] > 0.4 * self.resolution.angle:
-            self._seen = np.concatenate([self._seen, pose[0][None]])
+            self._seen = np.concatenate([self._seen, R[None]])
             turn = len(self._seen) - 1
+        return turn
+
+    def _cell(self, pose: Pose, turn: int, held: tuple[int, ...], size: float) -> object:
+        p = np.round((pose[1] - self.start[1]) / (size * self.resolution.step)).astype(int)
         return (size, *p.tolist(), turn, held)
 
     def went(self, arc: Arc, held: tuple[int, ...]) -> tuple[Arc, int]:
@@ -178,7 +182,7 @@ class PoseGraph:
             if self.near_goal(arc.goal):
                 add(arc)
         for whole in itertools.chain(
-            shifts(pose, patches, self.free, step, self.goal),
+            shifts(pose, patches, step, self.goal),
             turns(pose, patches, self._beside(pose[0]), angle, self.goal),
             rolls(pose, patches, self.hand.kind_O, self.hand.size_O, angle),
         ):
@@ -241,8 +245,8 @@ class PoseGraph:
         if self.near_goal(end):
             other = GOAL
         else:
-            held = self.touched(end)
-            cells = [self._cell(end, held, each) for each in (size, CELL, FINE)]
+            held, turn = self.touched(end), self._turn(end[0])
+            cells = [self._cell(end, turn, held, each) for each in dict.fromkeys((size, CELL, FINE))]
             there = [self._cells[cell] for cell in cells if cell in self._cells]
             same = [each for each in there if self._alike(self.poses[each], end)]
             if same:

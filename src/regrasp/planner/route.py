@@ -27,6 +27,8 @@ from regrasp.search import astar
 Array = NDArray[np.float64]
 FINER = 0.5
 """Of every step, on the finer level that is searched where the first finds no way."""
+REPORTED = 20
+"""Expansions between two reports."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class Router:
 
     def name(self, b: int) -> str:
         """What a body of the surroundings is called."""
-        return self.names.get(int(self.around.geom[b]), "a body without a name")
+        return self.names[int(self.around.geom[b])]
 
     def in_reach(self, pose: Pose) -> bool:
         """Whether some agent could touch the object at a pose at all."""
@@ -163,16 +165,17 @@ class Router:
         says so, the search is given up.
         """
         s = self.settings
+
+        def watch(progress: astar.Progress[int]) -> bool:
+            if progress.expanded % REPORTED == 0:
+                report(Progress("route", progress.expanded, s.nodes, math.nan, math.nan))
+            return stop() or len(self.graph.poses) > s.poses
+
         while True:
-            search = astar.init(self, start, GOAL, self.penalties, s.weight, s.nodes)
-            while isinstance(outcome := astar.step(search), astar.Progress):
-                if outcome.expanded % 20 == 0:
-                    report(Progress("route", outcome.expanded, s.nodes, math.nan, math.nan))
-                if stop() or len(self.graph.poses) > s.poses:
-                    break
+            outcome = astar.find(self, start, GOAL, self.penalties, s.weight, s.nodes, watch)
             if isinstance(outcome, astar.Path):
                 return self._straightened(list(outcome.nodes))
-            ended = isinstance(outcome, astar.Failure) and outcome.reason == astar.Reason.EXHAUSTED
+            ended = outcome.reason == astar.Reason.EXHAUSTED
             if not ended or self.level + 1 == s.levels:
                 return self._no_way(ended)
             self.level += 1

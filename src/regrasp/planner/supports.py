@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.cores import POINT
-from regrasp.kernels.distances import Geoms, bounds_far, place
+from regrasp.kernels.distances import Geoms, bounds_far
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.patches import ROOM, SCRATCH, SLOTS, contact, patch
 from regrasp.planner.hand import Hand, geom_index
@@ -139,10 +139,9 @@ def _along(
     geoms: Geoms, o: int, ids: Ints, R_WO: Array, p_WO: Array, n_W: Array, present: Flags, p_W: Array
 ) -> None:  # fmt: skip
     """Write the fields of `Touches` for the geoms `ids` and the object, geom o."""
-    R, p = np.empty((3, 3)), np.empty(3)
     scratch, polygon = np.empty((SCRATCH, ROOM, 4)), np.empty((ROOM, 3))
     for sample in range(len(p_WO)):
-        place(geoms, o, R_WO[sample], p_WO[sample], R, p)
+        R, p = R_WO[sample], p_WO[sample]  # the object's geom has the object's frame
         for a in range(len(ids)):
             s = ids[a]
             R_S, p_S = geoms.R_LG[s], geoms.p_LG[s]

@@ -4,8 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.cores import PLANE
-from regrasp.kernels.distances import distance
+from regrasp.kernels.distances import bounds_far, distance
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import exp, multiply
@@ -59,11 +58,8 @@ def surroundings_of(hand: Hand, supports: tuple[Support, ...]) -> Surroundings:
 @njit(cache=True, nogil=True)
 def gap_to(around: Surroundings, b: int, R: Array, p: Array, limit: float) -> float:
     """Distance of the object at pose (R, p) from body b, m; any value above the limit where it is farther."""
-    if around.kind[b] != PLANE:
-        reach = around.bound[b] + around.bound_O + limit
-        x, y, z = p[0] - around.p_WB[b, 0], p[1] - around.p_WB[b, 1], p[2] - around.p_WB[b, 2]
-        if x * x + y * y + z * z > reach * reach:
-            return limit + 1.0
+    if bounds_far(around.p_WB[b], around.bound[b], p, around.bound_O, limit):
+        return limit + 1.0
     return distance(
         around.kind[b], around.core[b], around.radius[b], around.R_WB[b], around.p_WB[b],
         around.kind_O, around.core_O, around.radius_O, R, p, limit,
@@ -117,9 +113,7 @@ def go(
     gaps_at(around, R_0, p_0, clearance, gaps)
     for b in range(B):
         kept[b] = held[b]
-        least[b] = -SINK if around.carries[b] else min(clearance, gaps[b] - SINK)
-        if around.carries[b]:
-            least[b] = min(-SINK, gaps[b] - SINK)
+        least[b] = min(-SINK if around.carries[b] else clearance, gaps[b] - SINK)
     before = 0.0
     for step in range(1, steps + 1):
         u = step / steps

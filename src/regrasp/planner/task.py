@@ -62,6 +62,11 @@ class Task:
         """The agents' names."""
         return tuple(agent.name for agent in self.world.agents)
 
+    @property
+    def off(self) -> tuple[int, ...]:
+        """The agents that the scene has off at the start."""
+        return tuple(self.names.index(name) for name in self.world.scene.start.off)
+
 
 def prepare(scene: Scene, settings: Settings) -> Task:
     """World, kernel arrays, supports and pose grid of a scene."""

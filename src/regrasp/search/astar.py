@@ -210,11 +210,11 @@ def find(
     penalties: Penalties[Node] | None = None,
     weight: float = 1.0,
     budget: int = 1_000_000,
-    stop: Callable[[], bool] = lambda: False,
+    stop: Callable[[Progress[Node]], bool] = lambda _: False,
 ) -> Path[Node] | Failure[Node]:
-    """Run a search (see `init`) to its end, or until `stop`, asked after each expansion, says so."""
+    """Run a search (see `init`) to its end, or until `stop`, told of each expansion, says so."""
     search = init(graph, start, goal, penalties, weight, budget)
     while isinstance(outcome := step(search), Progress):
-        if stop():
+        if stop(outcome):
             return Failure(Reason.STOPPED, search.nearest, search.expanded)
     return outcome
