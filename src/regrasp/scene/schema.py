@@ -1,6 +1,7 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
+import typing
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -105,6 +106,11 @@ class PumaHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(self.fingers))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",) if self.palm else ()
+
 
 class PlanarBase(Strict):
     """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
@@ -134,12 +140,46 @@ class PlanarHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ()
+
+
+Four = tuple[JointValue, JointValue, JointValue, JointValue]
+Finger = Literal["index", "middle", "ring", "thumb"]
+
+
+class AllegroHand(Strict):
+    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
+
+    hand: Literal["allegro"]
+    side: Literal["right", "left"] = "right"
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    tip_radius: Length = 0.012
+    home: dict[Finger, Four] = Field(default_factory=dict)
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return typing.get_args(Finger)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",)
+
 
 class ModelFile(Strict):
     """A user's own MJCF or URDF file, its world placed at `pose`."""
 
     file: Annotated[str, StringConstraints(min_length=1)]
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the robot that may carry the object."""
+        return ()
 
 
 class AgentSpec(Strict):
@@ -182,7 +222,12 @@ def _model_tag(value: Any) -> str | None:
 
 
 # Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+MODELS: dict[str, type[Strict]] = {
+    "model: puma": PumaHand,
+    "model: planar": PlanarHand,
+    "model: allegro": AllegroHand,
+    "model: file": ModelFile,
+}
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -194,12 +239,13 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
+    | Annotated[AllegroHand, Tag("model: allegro")]
     | Annotated[ModelFile, Tag("model: file")],
     Discriminator(
         _model_tag,
         custom_error_type="scene",
         custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+        custom_error_context={"hint": "legal: hand: puma, hand: planar, hand: allegro, or file: robot.xml"},
     ),
 ]
 
@@ -255,8 +301,7 @@ class Scene(Strict):
     @property
     def support_names(self) -> tuple[str, ...]:
         """What may be named in `supports`: the environment, and the palm of a hand that has one."""
-        palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
-        return tuple(body.name for body in self.environment) + palm
+        return tuple(body.name for body in self.environment) + self.model.surfaces
 
     @property
     def carriers(self) -> tuple[str, ...]:
