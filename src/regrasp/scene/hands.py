@@ -72,7 +72,7 @@ def _finger(scene: Scene, name: str) -> Finger:
 def _home(hand: PumaHand | PlanarHand | AllegroHand, name: str) -> Array:
     """The rest posture of a built-in hand's finger."""
     if isinstance(hand, AllegroHand):
-        given: dict[str, tuple[float, ...]] = {**hand.home}
+        given = {str(finger): angles for finger, angles in hand.home.items()}
         return np.array(given.get(name, ALLEGRO_HOME[name]))
     if isinstance(hand, PlanarHand):
         base = hand.bases[hand.finger_names.index(name)]
