@@ -344,7 +344,9 @@ def _bench(arguments: list[str]) -> Answer:
     import tyro
 
     def request(
-        name: Annotated[Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals"], tyro.conf.Positional],
+        name: Annotated[
+            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals"], tyro.conf.Positional
+        ],
         seeds: int = 10,
     ) -> tuple[str, int]:
         """Read the command line.
