@@ -23,9 +23,12 @@ NORMAL = math.radians(1.0)
 BACKOFF = 1e-3
 """Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much
 (m) along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
-RIM = (5e-4, math.radians(2.0))
+RIM = (7e-4, math.radians(2.0))
 """More of both on a cylinder's rounded rim, which the model makes of straight capsules, m and rad: they keep within
-0.02 mm of the round rim, but nearest point and normal jump from one to the next."""
+0.02 mm of the round rim, but nearest point and normal jump from one to the next, and to the sharp edges that end inside
+of it the cylinders for its side and faces."""
+SEAM = 1e-6
+"""m: so near to the rim's seams with side and faces a point counts as on it."""
 FAR = 1e-2
 """Distances beyond this (m) are not told apart."""
 
@@ -70,8 +73,14 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
                 capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                contacts.rim[j, s, a] = round_edges and capsule
+                contacts.rim[j, s, a] = round_edges and (capsule or _on_rim(world, contacts.p_O[j, s, a]))
     return contacts
+
+
+def _on_rim(world: World, p_O: Array) -> bool:
+    """Whether a point of a cylinder's surface is on its rounded rim or on an edge that ends there."""
+    (radius, half), rounding = world.scene.object.size, world.scene.object.rounding
+    return bool(np.hypot(p_O[0], p_O[1]) >= radius - rounding - SEAM and abs(p_O[2]) >= half - rounding - SEAM)
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
