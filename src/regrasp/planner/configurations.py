@@ -236,7 +236,7 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 @njit(cache=True, nogil=True)
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
-    _, slope = field(hand.kind_O, hand.size_O, p_O)
+    _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 

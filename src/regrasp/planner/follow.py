@@ -168,7 +168,7 @@ def short_step(
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
-        project(hand.kind_O, hand.size_O, contact, foot, n)
+        project(hand.kind_O, hand.size_O, hand.grids, contact, foot, n)
         for a in range(3):
             y[a] = n[(a + 1) % 3] * axis[(a + 2) % 3] - n[(a + 2) % 3] * axis[(a + 1) % 3]
         u = 0.5 * stage
@@ -197,7 +197,7 @@ def short_step(
     step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
     step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
     step[2], step[3] = command[2], command[3]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), p_OC, p_TC, R_OT, x_O)
+    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, step, whole(1), p_OC, p_TC, R_OT, x_O)
     for a in range(n_a):
         q[a] += dq[a]
     R_WT, p_WT = np.empty((3, 3)), np.empty(3)
@@ -207,7 +207,7 @@ def short_step(
     residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], w, q, R_WL, p_WL)
     # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
     multiply_back(path.R_WO[j, s + 1], R_WL[n_a], R_OT)
-    project(hand.kind_O, hand.size_O, p_OC, foot, n)
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
     rotate_back(R_OT, n, r)
     for a in range(3):
         p_TC[a] = -hand.size_T[i, 0] * r[a]
@@ -248,7 +248,19 @@ def follow(
     """
     m = path.R_WO.shape[1] - 1
     if is_full(hand, i):
-        advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], command, SUBSTEPS, p_OC, p_TC, R_OT, x_O)
+        advance(
+            hand.kind_O,
+            hand.size_O,
+            hand.kind_T[i],
+            hand.size_T[i],
+            hand.grids,
+            command,
+            SUBSTEPS,
+            p_OC,
+            p_TC,
+            R_OT,
+            x_O,
+        )
         return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL)
     fine = True
     step = command / m

@@ -95,7 +95,7 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
                 return Failure("grasp", "start.grasp", contact.agent, f"{len(q)} joint values", f"give {last - first}")
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
-            gap = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
+            gap = project(hand.kind_O, hand.size_O, hand.grids, centre, foot, n) - hand.size_T[i, 0]
             if abs(gap) > 1e-3:
                 return Failure(
                     "grasp", "start.grasp", contact.agent, f"its tip is {1e3 * gap:.1f} mm from the object's surface",
@@ -104,7 +104,7 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             direction = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
         else:
             q = hand.home[first:last].copy()
-            project(hand.kind_O, hand.size_O, np.array(contact.point, float), foot, n)
+            project(hand.kind_O, hand.size_O, hand.grids, np.array(contact.point, float), foot, n)
             direction = -n
         seed = q.copy()
         if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, q, R_WL, p_WL) and not near(

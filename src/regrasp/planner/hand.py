@@ -10,6 +10,7 @@ from regrasp.errors import InputError
 from regrasp.kernels.chains import SLIDE, Chains
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
+from regrasp.kernels.grids import Grids, grids_of
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
@@ -35,7 +36,8 @@ class Hand(Record):
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
-    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
+    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`), meshes among them
+    on the grids.
     needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes of W along
     and about which disturbances act, 0 for those that would lead out of the scene's plane.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
@@ -55,6 +57,7 @@ class Hand(Record):
     size_O: Array
     kind_T: Ints
     size_T: Array
+    grids: Grids
     needed: int
     shifts: Array
     turns: Array
@@ -115,6 +118,7 @@ def hand_of(world: World) -> Hand:
         size_O=world.object_size,
         kind_T=np.full(len(agents), SPHERE, np.int64),
         size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
+        grids=grids_of(()),
         needed=needed,
         shifts=np.array([float(axis in free) for axis in ("x", "y", "z")]),
         turns=np.array([float(axis in free) for axis in ("rx", "ry", "rz")]),

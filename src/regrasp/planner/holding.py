@@ -46,7 +46,7 @@ class Touchable(Record):
 
 def touchable(hand: Hand, clearance: float) -> Touchable:
     """A near-uniform sampling of the object's surface."""
-    p_O, n_O = sample(hand.kind_O, hand.size_O, POINTS)
+    p_O, n_O = sample(hand.kind_O, hand.size_O, hand.grids, POINTS)
     return Touchable(p_O, n_O, float(np.min(hand.size_T[:, 0])), clearance)
 
 

@@ -58,7 +58,7 @@ def measured_grasp(
         foot, n = np.empty(3), np.empty(3)
         forward(hand.chains, i, mine, R_WL, p_WL)
         centre = R_WO.T @ (p_WL[-1] - p_WO)
-        high = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
+        high = project(hand.kind_O, hand.size_O, hand.grids, centre, foot, n) - hand.size_T[i, 0]
         if high < -touch:
             return Failure(
                 "collision", "start", name, f"its tip is {-1e3 * high:.1f} mm inside the object", "a better measurement"

@@ -140,7 +140,7 @@ def nearest(hand: Hand, i: int, q: Array, R_WO: Array, p_WO: Array) -> float:
         for a in range(3):
             p[a] = p_WL[n_a, a] - p_WO[s, a]
         rotate_back(R_WO[s], p, p)
-        least = min(least, project(hand.kind_O, hand.size_O, p, p, n) - hand.size_T[i, 0])
+        least = min(least, project(hand.kind_O, hand.size_O, hand.grids, p, p, n) - hand.size_T[i, 0])
     return least
 
 

@@ -44,7 +44,7 @@ def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
         middle = d * np.sqrt(np.sum(a * a))
     else:
         middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
-    project(hand.kind_O, hand.size_O, middle, p, n)
+    project(hand.kind_O, hand.size_O, hand.grids, middle, p, n)
 
 
 @njit(cache=True, nogil=True)

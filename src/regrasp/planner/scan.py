@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.grids import Grids
 from regrasp.kernels.inverse import inverse_point, turn_towards
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
@@ -69,10 +70,10 @@ class Scan(Record):
     p_WG: Array
 
 
-@functools.cache
-def points(kind: int, size: tuple[float, ...], count: int) -> tuple[Array, Array]:
+@functools.lru_cache(maxsize=8)
+def points(kind: int, size: tuple[float, ...], grids: Grids, count: int) -> tuple[Array, Array]:
     """`sample` of an object's surface, made once: every annealing run of every arc scans the same points."""
-    p_O, n_O = sample(kind, np.array(size), count)
+    p_O, n_O = sample(kind, np.array(size), grids, count)
     p_O.setflags(write=False)
     n_O.setflags(write=False)
     return p_O, n_O
@@ -80,7 +81,7 @@ def points(kind: int, size: tuple[float, ...], count: int) -> tuple[Array, Array
 
 def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     """The candidates on a near-uniform sampling of the object's surface, nothing known of them yet."""
-    p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), settings.candidates)
+    p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), hand.grids, settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     shape = (k, n + 1, DIRECTIONS * len(p_O))
@@ -226,7 +227,7 @@ def candidate_free(
             for x in range(3):
                 p[x] = p_WL[last - first, x] - p_WO[x]
             rotate_back(R_WO, p, p)
-            project(hand.kind_O, hand.size_O, p, point, normal)
+            project(hand.kind_O, hand.size_O, hand.grids, p, point, normal)
             reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not reached or not is_agile(hand, i, R_WL, p_WL):
         return False

@@ -37,14 +37,14 @@ def trace_contact(
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     step = command / m
-    project(hand.kind_O, hand.size_O, p_OC[0], foot, n_O[0])
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC[0], foot, n_O[0])
     tangents(n_O[0], x_O[0], y)
     fine = True
     for s in range(m):
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
             advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1),
+                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, step, whole(1),
                 p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
             )  # fmt: skip
             if not reach_tip(
@@ -55,7 +55,7 @@ def trace_contact(
             hand, path, j, s, i, step, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL
         ):
             fine = False
-        project(hand.kind_O, hand.size_O, p_OC[s + 1], foot, n_O[s + 1])
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC[s + 1], foot, n_O[s + 1])
     return fine
 
 
