@@ -21,7 +21,8 @@ from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free, under
+from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

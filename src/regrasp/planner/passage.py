@@ -14,7 +14,8 @@ from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
-from regrasp.planner.scan import tool_direction, touch_down, under
+from regrasp.planner.scan import tool_direction, touch_down
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
