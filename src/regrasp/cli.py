@@ -297,6 +297,16 @@ def _scenes(arguments: list[str]) -> Answer:
     return DONE, {"scenes": [{"name": name, "description": words} for name, words in builtin().items()]}
 
 
+def _models(arguments: list[str]) -> Answer:
+    def request() -> None:
+        """Read the command line."""
+
+    _parse(request, "models", arguments)
+    from regrasp.scene import menagerie, models
+
+    return DONE, {"hands": models.hands(), "menagerie": list(menagerie.names()), "root": menagerie.root()}
+
+
 def _render(arguments: list[str]) -> Answer:
     import tyro
 
@@ -386,6 +396,7 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "check": ("Re-check a plan independently of the planner: the certificate.", _check, answers.certificate),
     "replay": ("Execute a plan in physics, as planned and in perturbed trials.", _replay, answers.replay),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
+    "models": ("List the robots that a scene can name: built-in hands, MuJoCo Menagerie.", _models, answers.models),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
     "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers.", _bench, _nothing),
 }
