@@ -179,15 +179,29 @@ def _plan(arguments: list[str]) -> Answer:
         outcome = plan_scene(scene, seed, settings, report)
     seconds = time.perf_counter() - started
     arcs = [str(arc) for arc in outcome.tried]
+    for repair in outcome.repairs:
+        _say(f"{scene.name}: {repair}")
     if outcome.plan is None:
         failure = outcome.failure
         assert failure is not None
         _say(f"{scene.name}: no plan: {failure}")
         for arc in outcome.tried:
             _say(f"tried: {arc}")
-        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure), "arcs": arcs}
+        return REFUSED, {
+            "scene": scene.name,
+            "seconds": seconds,
+            "failure": dataclasses.asdict(failure),
+            "arcs": arcs,
+            "repairs": outcome.repairs,
+        }
     outcome.plan.save(output)
-    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary(), "arcs": arcs}
+    answer = {
+        "plan": str(output),
+        "seconds": seconds,
+        **outcome.plan.summary(),
+        "arcs": arcs,
+        "repairs": outcome.repairs,
+    }
     if outcome.failure is None:
         return DONE, answer
     _say(f"{scene.name}: the best plan so far, not feasible, is in {output}: {outcome.failure}")

@@ -63,3 +63,10 @@ def apart(model: mujoco.MjModel, a: int, b: int) -> int:
         ways.append(way)
     first, second = ways
     return next(i + second.index(body) for i, body in enumerate(first) if body in second)
+
+
+def vertices(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
+    """Vertices of a geom's mesh in the geom's frame, (n, 3), m: what collides is their convex hull."""
+    mesh = int(model.geom_dataid[geom])
+    first = int(model.mesh_vertadr[mesh])
+    return np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)

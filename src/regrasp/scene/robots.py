@@ -31,6 +31,7 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
         raise InputError("model", "the model has equality constraints", "agents are open chains of hinges and slides")
     for i, agent in enumerate(scene.agents):
         repairs += ends.prepare(robot, f"agents.{i}.tip", agent.tip or "")
+    robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
     moving = [joint for chain in chains for joint in chain]
     _strip(robot, moving)
@@ -51,7 +52,7 @@ def repairs(model: mujoco.MjModel) -> tuple[str, ...]:
     """What `attach` put right in the robot of a world's model, each in a sentence."""
     said = []
     for i in range(model.ntext):
-        if model.text(i).name.startswith(REPAIR):
+        if (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TEXT, i) or "").startswith(REPAIR):
             start = model.text_adr[i]
             said.append(bytes(model.text_data[start : start + model.text_size[i] - 1]).decode())
     return tuple(said)

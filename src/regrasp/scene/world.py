@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, hands, mjcf, robots, solids
+from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Environment, OwnModel, Scene
 from regrasp.scene.strength import normal_force
@@ -88,6 +89,11 @@ class World:
     def repairs(self) -> tuple[str, ...]:
         """What was put right in a robot of one's own, each in a sentence."""
         return robots.repairs(self.model)
+
+    @cached_property
+    def links(self) -> Links:
+        """The shapes that planning takes for links that are meshes."""
+        return links(self.model, self.start, self.collision_pairs, self.object_geoms)
 
     @cached_property
     def start(self) -> Array:
