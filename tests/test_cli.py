@@ -83,7 +83,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Callable[[Planner], list[tuple]]
 
 
 def outcome(plan: Plan | None = None, failure: Failure | None = None) -> types.SimpleNamespace:
-    return types.SimpleNamespace(plan=plan, failure=failure, tried=())
+    return types.SimpleNamespace(plan=plan, failure=failure, tried=(), repairs=())
 
 
 def interrupted() -> types.SimpleNamespace:

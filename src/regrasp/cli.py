@@ -179,15 +179,29 @@ def _plan(arguments: list[str]) -> Answer:
         outcome = plan_scene(scene, seed, settings, report)
     seconds = time.perf_counter() - started
     arcs = [str(arc) for arc in outcome.tried]
+    for repair in outcome.repairs:
+        _say(f"{scene.name}: {repair}")
     if outcome.plan is None:
         failure = outcome.failure
         assert failure is not None
         _say(f"{scene.name}: no plan: {failure}")
         for arc in outcome.tried:
             _say(f"tried: {arc}")
-        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure), "arcs": arcs}
+        return REFUSED, {
+            "scene": scene.name,
+            "seconds": seconds,
+            "failure": dataclasses.asdict(failure),
+            "arcs": arcs,
+            "repairs": outcome.repairs,
+        }
     outcome.plan.save(output)
-    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary(), "arcs": arcs}
+    answer = {
+        "plan": str(output),
+        "seconds": seconds,
+        **outcome.plan.summary(),
+        "arcs": arcs,
+        "repairs": outcome.repairs,
+    }
     if outcome.failure is None:
         return DONE, answer
     _say(f"{scene.name}: the best plan so far, not feasible, is in {output}: {outcome.failure}")
@@ -346,6 +360,16 @@ def _scenes(arguments: list[str]) -> Answer:
     return DONE, {"scenes": [{"name": name, "description": words} for name, words in builtin().items()]}
 
 
+def _models(arguments: list[str]) -> Answer:
+    def request() -> None:
+        """Read the command line."""
+
+    _parse(request, "models", arguments)
+    from regrasp.scene import menagerie, models
+
+    return DONE, {"hands": models.hands(), "menagerie": list(menagerie.names()), "root": menagerie.root()}
+
+
 def _render(arguments: list[str]) -> Answer:
     import tyro
 
@@ -436,6 +460,7 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "replay": ("Execute a plan in physics, as planned and in perturbed trials.", _replay, answers.replay),
     "grasp": ("Show the best start grasps of a scene, to choose one from.", _grasp, answers.grasps),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
+    "models": ("List the robots that a scene can name: built-in hands, MuJoCo Menagerie.", _models, answers.models),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
     "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers.", _bench, _nothing),
 }

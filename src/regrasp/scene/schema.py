@@ -135,11 +135,23 @@ class PlanarHand(Strict):
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
 
-class ModelFile(Strict):
-    """A user's own MJCF or URDF file, its world placed at `pose`."""
+class OwnModel(Strict):
+    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
+
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+
+class ModelFile(OwnModel):
+    """An MJCF or URDF file. `packages`: folders of the packages that a URDF's package:// paths name."""
 
     file: Annotated[str, StringConstraints(min_length=1)]
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    packages: dict[str, str] = Field(default_factory=dict)
+
+
+class MenagerieModel(OwnModel):
+    """A model of MuJoCo Menagerie: its folder, and its file where the folder holds more than one."""
+
+    menagerie: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]*(/\w[\w.-]*)?$")]
 
 
 class AgentSpec(Strict):
@@ -177,12 +189,18 @@ def _supports_tag(value: Any) -> str:
 
 def _model_tag(value: Any) -> str | None:
     if isinstance(value, dict):
-        return "model: file" if "file" in value else f"model: {value.get('hand')}"
+        own = next((key for key in ("file", "menagerie") if key in value), None)
+        return f"model: {own or value.get('hand')}"
     return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
 
 
 # Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+MODELS: dict[str, type[Strict]] = {
+    "model: puma": PumaHand,
+    "model: planar": PlanarHand,
+    "model: file": ModelFile,
+    "model: menagerie": MenagerieModel,
+}
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -194,12 +212,15 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
-    | Annotated[ModelFile, Tag("model: file")],
+    | Annotated[ModelFile, Tag("model: file")]
+    | Annotated[MenagerieModel, Tag("model: menagerie")],
     Discriminator(
         _model_tag,
         custom_error_type="scene",
-        custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+        custom_error_message="neither a built-in hand nor a model of your own",
+        custom_error_context={
+            "hint": "legal: hand: puma, hand: planar, file: robot.urdf, menagerie: wonik_allegro/right_hand"
+        },
     ),
 ]
 
@@ -237,7 +258,7 @@ class Scene(Strict):
     environment: tuple[Environment, ...] = ()
     supports: Supports = ()
     friction: Friction = 0.7
-    max_force: Force = 10.0
+    max_force: Force | None = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     freedoms: Annotated[tuple[Freedom, ...], Field(min_length=1)] = FREEDOMS
     start: Start
@@ -248,7 +269,7 @@ class Scene(Strict):
     @property
     def agent_names(self) -> tuple[str, ...]:
         """The agents that take part, in order: those listed, or every finger of the built-in hand."""
-        if isinstance(self.model, ModelFile) or self.agents:
+        if isinstance(self.model, OwnModel) or self.agents:
             return tuple(agent.name for agent in self.agents)
         return self.model.finger_names
 
@@ -278,7 +299,7 @@ def _repeated(names: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 
 def _agent_problems(scene: Scene) -> Iterator[Problem]:
-    if isinstance(scene.model, ModelFile):
+    if isinstance(scene.model, OwnModel):
         if not scene.agents:
             yield "agents", "missing", "a model of your own needs its agents listed: name and tip geom"
         for i, agent in enumerate(scene.agents):

@@ -138,6 +138,19 @@ def scenes(answer: dict[str, Any]) -> None:
     Console().print(table)
 
 
+def models(answer: dict[str, Any]) -> None:
+    """What a scene's `model` can be: the hands with their fields, the menagerie's models, a file."""
+    print("model: {hand: NAME, ...}")
+    for name, fields in answer["hands"].items():
+        print(f"  {name}: " + ", ".join(f"{field} ({words})" for field, words in fields.items()))
+    print("model: {menagerie: NAME}")
+    if answer["root"] is None:
+        print("  none: MENAGERIE_ROOT is not set (the folder of a copy of MuJoCo Menagerie)")
+    for name in answer["menagerie"]:
+        print(f"  {name}")
+    print("model: {file: PATH}\n  any MJCF or URDF file; regrasp doctor PATH says what will go wrong")
+
+
 def picture(answer: dict[str, Any]) -> None:
     """File and size of the picture."""
     print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
