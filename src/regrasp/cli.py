@@ -408,6 +408,7 @@ BENCHES = {
     "replays": "replays",
     "replans": "replans",
     "levers": "levers",
+    "goals": "goals",
 }
 """Benchmark → the module of `regrasp.bench` that has it."""
 
@@ -416,7 +417,9 @@ def _bench(arguments: list[str]) -> Answer:
     import tyro
 
     def request(
-        name: Annotated[Literal["paper", "minima", "scenes", "replays", "replans", "levers"], tyro.conf.Positional],
+        name: Annotated[
+            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals"], tyro.conf.Positional
+        ],
         seeds: int = 10,
     ) -> tuple[str, int]:
         """Read the command line.
@@ -426,7 +429,8 @@ def _bench(arguments: list[str]) -> Answer:
                 scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
                 replans: displaced states along plans, planned again.
                 levers: what makes them survive it, switched off one by one.
-            seeds: How many seeds are run.
+                goals: random goals of objects in three fingertips.
+            seeds: How many seeds are run, or goals per object.
         """
         return name, seeds
 
@@ -462,6 +466,6 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
     "models": ("List the robots that a scene can name: built-in hands, MuJoCo Menagerie.", _models, answers.models),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
-    "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers.", _bench, _nothing),
+    "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers, goals.", _bench, _nothing),
 }
 """Name → what it does, what runs it, what shows its answer."""
