@@ -18,6 +18,7 @@ from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
 from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
 from regrasp.kernels.wrist import Wrists, wrists_of
 from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.scene.links import Part
 from regrasp.scene.schema import FREEDOMS
 from regrasp.scene.world import World
 
@@ -71,10 +72,19 @@ class Hand(Record):
     weight: float
 
 
-def geom_index(world: World) -> dict[int, int]:
-    """Where each colliding geom of the model stands in Hand.geoms; all geoms of the object are one body there."""
-    ids = [int(g) for agent in world.agents for g in agent.geoms] + [int(g) for g in world.static_geoms]
-    return {g: a for a, g in enumerate(ids)} | {int(g): len(ids) for g in world.object_geoms}
+def parts_of(world: World, geoms: Ints) -> list[Part]:
+    """The convex bodies that geoms (ids) are in Hand.geoms: one, or the primitives that stand for a mesh."""
+    return [(int(g), i) for g in geoms for i in range(len(world.links.shapes.get(int(g), (None,))))]
+
+
+def geom_index(world: World) -> dict[int, list[int]]:
+    """Where the bodies of each colliding geom of the model stand in Hand.geoms; all geoms of the object are one there."""
+    ids = np.concatenate([*(agent.geoms for agent in world.agents), world.static_geoms])
+    index: dict[int, list[int]] = {}
+    for row, (geom, _) in enumerate(parts_of(world, ids)):
+        index.setdefault(geom, []).append(row)
+    last = sum(map(len, index.values()))
+    return index | {int(g): [last] for g in world.object_geoms}
 
 
 def hand_of(world: World) -> Hand:
@@ -88,13 +98,16 @@ def hand_of(world: World) -> Hand:
             raise InputError(f"agents.{agent.name}.tip", "is not a sphere", "a sphere geom at the end of the finger")
     joints = [agent.joints.tolist() for agent in agents]
     index = geom_index(world)
-    ids = [geom for geom in index if geom not in world.object_geoms]
+    parts = parts_of(world, np.array([geom for geom in index if geom not in world.object_geoms], np.int64))
     chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
     # Between two samples a plan's spline passes their joint values by a little.
     chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
-    geoms = with_object(geoms_from(model, ids, joints, world.object_body), world.object_kind, world.object_size)
-    starts = np.cumsum([0, *(len(agent.geoms) for agent in agents)])
-    pairs, block = blocks([(index[int(a)], index[int(b)]) for a, b in world.collision_pairs], geoms.agent, len(agents))
+    bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes)
+    geoms = with_object(bodies, world.object_kind, world.object_size)
+    starts = np.cumsum([0, *(len(parts_of(world, agent.geoms)) for agent in agents)])
+    spared = {(index[g][i], index[h][j]) for (g, i), (h, j) in world.links.spared}
+    apart = {(a, b) for g, h in world.collision_pairs for a in index[int(g)] for b in index[int(h)]} - spared
+    pairs, block = blocks(sorted(apart), geoms.agent, len(agents))
     mass = float(model.body_mass[world.object_body])
     g = float(np.linalg.norm(model.opt.gravity))
     weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
@@ -112,8 +125,8 @@ def hand_of(world: World) -> Hand:
         geom_start=starts.astype(np.int64),
         pairs=pairs,
         block=block,
-        tip_geom=np.array([index[agent.tip_geom] for agent in agents], np.int64),
-        object_geom=len(ids),
+        tip_geom=np.array([index[agent.tip_geom][0] for agent in agents], np.int64),
+        object_geom=len(parts),
         kind_O=world.object_kind,
         size_O=world.object_size,
         kind_T=np.full(len(agents), SPHERE, np.int64),

@@ -88,7 +88,8 @@ def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
         raise InputError("YAML", str(error).splitlines()[0], "a scene is a YAML file", file) from None
     scene = validate(data, file)
     if directory is not None and isinstance(scene.model, ModelFile):
-        model = scene.model.model_copy(update={"file": str(directory / scene.model.file)})
+        folders = {name: str(directory / folder) for name, folder in scene.model.packages.items()}
+        model = scene.model.model_copy(update={"file": str(directory / scene.model.file), "packages": folders})
         scene = scene.model_copy(update={"model": model})
     return scene
 

@@ -1,6 +1,7 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
+import typing
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -105,6 +106,11 @@ class PumaHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(self.fingers))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",) if self.palm else ()
+
 
 class PlanarBase(Strict):
     """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
@@ -134,12 +140,58 @@ class PlanarHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ()
 
-class ModelFile(Strict):
-    """A user's own MJCF or URDF file, its world placed at `pose`."""
+
+Four = tuple[JointValue, JointValue, JointValue, JointValue]
+Finger = Literal["index", "middle", "ring", "thumb"]
+
+
+class AllegroHand(Strict):
+    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
+
+    hand: Literal["allegro"]
+    side: Literal["right", "left"] = "right"
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    tip_radius: Length = 0.012
+    home: dict[Finger, Four] = Field(default_factory=dict)
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return typing.get_args(Finger)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",)
+
+
+class OwnModel(Strict):
+    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
+
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the robot that may carry the object."""
+        return ()
+
+
+class ModelFile(OwnModel):
+    """An MJCF or URDF file. `packages`: folders of the packages that a URDF's package:// paths name."""
 
     file: Annotated[str, StringConstraints(min_length=1)]
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    packages: dict[str, str] = Field(default_factory=dict)
+
+
+class MenagerieModel(OwnModel):
+    """A model of MuJoCo Menagerie: its folder, and its file where the folder holds more than one."""
+
+    menagerie: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]*(/\w[\w.-]*)?$")]
 
 
 class AgentSpec(Strict):
@@ -177,12 +229,19 @@ def _supports_tag(value: Any) -> str:
 
 def _model_tag(value: Any) -> str | None:
     if isinstance(value, dict):
-        return "model: file" if "file" in value else f"model: {value.get('hand')}"
+        own = next((key for key in ("file", "menagerie") if key in value), None)
+        return f"model: {own or value.get('hand')}"
     return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
 
 
 # Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+MODELS: dict[str, type[Strict]] = {
+    "model: puma": PumaHand,
+    "model: planar": PlanarHand,
+    "model: allegro": AllegroHand,
+    "model: file": ModelFile,
+    "model: menagerie": MenagerieModel,
+}
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -194,12 +253,16 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
-    | Annotated[ModelFile, Tag("model: file")],
+    | Annotated[AllegroHand, Tag("model: allegro")]
+    | Annotated[ModelFile, Tag("model: file")]
+    | Annotated[MenagerieModel, Tag("model: menagerie")],
     Discriminator(
         _model_tag,
         custom_error_type="scene",
-        custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+        custom_error_message="neither a built-in hand nor a model of your own",
+        custom_error_context={
+            "hint": "legal: hand: puma, hand: planar, hand: allegro, file: robot.urdf, menagerie: wonik_allegro/right_hand"
+        },
     ),
 ]
 
@@ -237,7 +300,7 @@ class Scene(Strict):
     environment: tuple[Environment, ...] = ()
     supports: Supports = ()
     friction: Friction = 0.7
-    max_force: Force = 10.0
+    max_force: Force | None = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     freedoms: Annotated[tuple[Freedom, ...], Field(min_length=1)] = FREEDOMS
     start: Start
@@ -248,15 +311,14 @@ class Scene(Strict):
     @property
     def agent_names(self) -> tuple[str, ...]:
         """The agents that take part, in order: those listed, or every finger of the built-in hand."""
-        if isinstance(self.model, ModelFile) or self.agents:
+        if isinstance(self.model, OwnModel) or self.agents:
             return tuple(agent.name for agent in self.agents)
         return self.model.finger_names
 
     @property
     def support_names(self) -> tuple[str, ...]:
         """What may be named in `supports`: the environment, and the palm of a hand that has one."""
-        palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
-        return tuple(body.name for body in self.environment) + palm
+        return tuple(body.name for body in self.environment) + self.model.surfaces
 
     @property
     def carriers(self) -> tuple[str, ...]:
@@ -278,7 +340,7 @@ def _repeated(names: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 
 def _agent_problems(scene: Scene) -> Iterator[Problem]:
-    if isinstance(scene.model, ModelFile):
+    if isinstance(scene.model, OwnModel):
         if not scene.agents:
             yield "agents", "missing", "a model of your own needs its agents listed: name and tip geom"
         for i, agent in enumerate(scene.agents):

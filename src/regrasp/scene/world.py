@@ -10,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, hands, mjcf, solids
+from regrasp.scene import collisions, hands, mjcf, robots, solids
+from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
-from regrasp.scene.schema import Environment, Scene
+from regrasp.scene.schema import Environment, OwnModel, Scene
+from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
+MAX_FORCE = 10.0
+"""Largest normal force of a tip where neither scene nor model says one, N."""
 ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
 
 
@@ -80,6 +84,16 @@ class World:
     def joint_dofs(self) -> Ids:
         """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
         return np.concatenate([agent.dofs for agent in self.agents])
+
+    @cached_property
+    def repairs(self) -> tuple[str, ...]:
+        """What was put right in a robot of one's own, each in a sentence."""
+        return robots.repairs(self.model)
+
+    @cached_property
+    def links(self) -> Links:
+        """The shapes that planning takes for links that are meshes."""
+        return links(self.model, self.start, self.collision_pairs, self.object_geoms)
 
     @cached_property
     def start(self) -> Array:
@@ -206,6 +220,10 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     for i in np.flatnonzero((home < lower) | (home > upper)):
         reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
         raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
+    qpos = model.qpos0.copy()
+    qpos[model.jnt_qposadr[joints]] = home
+    own = isinstance(scene.model, OwnModel)
+    strength = normal_force(model, qpos, joints, tip, friction) if own else None
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
@@ -217,8 +235,10 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         geoms=np.flatnonzero(moved[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))),
         lower=lower,
         upper=upper,
-        speed=np.broadcast_to(finger.speed, len(joints)).copy(),
+        speed=robots.speeds(model, joints)
+        if finger.speed is None
+        else np.broadcast_to(finger.speed, len(joints)).copy(),
         home=np.array(home, dtype=float),
-        max_force=(spec.max_force if spec else None) or scene.max_force,
+        max_force=(spec.max_force if spec else None) or scene.max_force or strength or MAX_FORCE,
         friction=friction,
     )
