@@ -48,7 +48,7 @@ def fingers(scene: Scene) -> tuple[Finger, ...]:
         finger = _finger(scene, name)
         home = finger.home if spec is None or spec.home is None else np.array(spec.home)
         speed = finger.speed if spec is None or spec.speed is None else np.array(spec.speed)
-        found.append(Finger(finger.tip, home, speed, tips.names(finger.tip, spec and spec.tip)))
+        found.append(Finger(finger.tip, home, speed, tips.names(finger.tip, spec.tip if spec else None)))
     return tuple(found)
 
 
