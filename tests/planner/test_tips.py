@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 from arcs import Arc, Oracle, arc, changed, made
 from scipy.spatial.transform import Rotation
 
+from regrasp.kernels.grids import Grids, grids_of
 from regrasp.kernels.sampling import sample
-from regrasp.kernels.surfaces import BOX, CAPSULE, ELLIPSOID, SPHERE
+from regrasp.kernels.surfaces import BOX, CAPSULE, ELLIPSOID, MESH, SPHERE, project
 from regrasp.planner.method import plan_scene
 from regrasp.planner.motions import SLIDE_MINUS_Y
 from regrasp.planner.task import Settings
-from regrasp.planner.tips import over, sharpest, tip_gap, touches_in_a_point, under
+from regrasp.planner.tips import fits, over, sharpest, tip_gap, touches_in_a_point, under
+from regrasp.planner.trace import trace_contact
 from regrasp.scene.load import load
 from regrasp.scene.schema import Scene
 from regrasp.scene.world import World
@@ -123,3 +126,58 @@ def test_the_sharpest_ball_touches_within_every_tip() -> None:
         for p, n in zip(points, normals, strict=True):
             centre = p - r * n
             assert np.all(np.linalg.norm(points - centre, axis=1) >= r - 1e-12)
+
+
+def grid_of(distance: Callable[[np.ndarray], np.ndarray], half: float, h: float) -> Grids:
+    axis = np.arange(-half, half + 0.5 * h, h)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    return grids_of([(points[0, 0, 0], h, distance(points))])
+
+
+def test_a_mesh_is_followed_like_the_body_that_it_is_of() -> None:
+    a = arc("fig3-puma3")
+    lengths, foot, n = a.hand.size_O, np.empty(3), np.empty(3)
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        flat = points.reshape(-1, 3)
+        values = [project(ELLIPSOID, lengths, a.hand.grids, point, foot, n) for point in flat]
+        return np.reshape(values, points.shape[:-1])
+
+    hands = a.hand, dataclasses.replace(
+        a.hand, kind_O=MESH, size_O=np.zeros(4), grids=grid_of(distance, 0.06, 2e-3)
+    )  # fmt: skip
+    m, n_a = a.path.R_WO.shape[1] - 1, a.hand.chains.start[1]
+    for command in a.terms.commands[: SLIDE_MINUS_Y + 1]:
+        ends = []
+        for hand in hands:
+            p, p_T, x, n_O = (np.zeros((m + 1, 3)) for _ in range(4))
+            R, q = np.zeros((m + 1, 3, 3)), np.zeros((m + 1, n_a))
+            p[0], p_T[0], R[0], q[0] = a.grasp.p_OC[0], a.grasp.p_TC[0], a.grasp.R_OT[0], a.grasp.q[:n_a]
+            assert trace_contact(hand, a.path, command, np.int64(0), np.int64(0), p, p_T, R, x, q, n_O)
+            ends.append((p, q))
+        np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-5)
+        np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-4)
+
+
+def test_a_ball_that_touches_two_sides_of_a_waist_does_not_fit() -> None:
+    r, apart, tip = 0.02, 0.015, 0.01
+
+    def two_balls(points: np.ndarray) -> np.ndarray:
+        return np.minimum(*(np.linalg.norm(points - [s * apart, 0.0, 0.0], axis=-1) - r for s in (-1.0, 1.0)))
+
+    a = arc("fig3-puma3")
+    size_T = np.zeros_like(a.hand.size_T)
+    size_T[:, 0] = tip
+    hand = dataclasses.replace(
+        a.hand, kind_O=MESH, size_O=np.zeros(4), size_T=size_T, grids=grid_of(two_balls, 0.045, 1e-3)
+    )
+    told = []
+    for turn in np.linspace(0.0, 2.0, 41):
+        n = np.array([np.cos(turn), np.sin(turn), 0.0])
+        p = n * r - [apart, 0.0, 0.0]
+        beside = np.linalg.norm(p + tip * n - [apart, 0.0, 0.0]) - r - tip
+        if abs(beside) > 1e-4 and p[0] < -1e-3:
+            told.append(fits(hand, 0, p, -tip * n, np.eye(3)))
+            assert told[-1] == (beside > 0.0)
+    assert True in told
+    assert False in told
