@@ -14,10 +14,10 @@ from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import project
+from regrasp.kernels.surfaces import project, tangents
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
-from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, short_step, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.path import Path, pose_at
 
@@ -244,27 +244,37 @@ def look_ahead(n: int, j: int, look: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def hold_on(hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, q: Array) -> int:
-    """How many looks ahead from configuration j agent i can keep a contact without moving it.
+def hold_on(
+    hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, q: Array, p: Array, n_O: Array
+) -> int:
+    """How many looks ahead from configuration j agent i can keep a contact by `stay`.
 
-    q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out. An agent of fewer than six joints keeps the
-    point only; its tip turns as it must.
+    q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out; p, n_O (LOOKS + 1, 3): the contact point and its
+    normal there, likewise. The contact of an agent of fewer than six joints rolls as its tip must turn; p_OC, p_TC, R_OT are
+    scratch for it.
     """
-    n = path.R_WO.shape[0]
-    n_a = q.shape[1]
-    R_WL, p_WL, R_WT, p_WT, a = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3), stack(3)
+    n, n_a = path.R_WO.shape[0], q.shape[1]
+    R_WL, p_WL, R_WT, p_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3)
+    still, x, y = stack(4), stack(3), stack(3)
+    still[:] = 0.0
+    tangents(n_O[0], x, y)
+    m = path.R_WO.shape[1] - 1.0
     for look in range(1, LOOKS + 1):
-        R_WO, p_WO = pose_at(path, look_ahead(n, j, look))
-        tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
-        q[look] = q[look - 1]
+        first, last = look_ahead(n, j, look - 1), look_ahead(n, j, look)
+        q[look], p[look], n_O[look] = q[look - 1], p[look - 1], n_O[look - 1]
         if is_full(hand, i):
+            R_WO, p_WO = pose_at(path, last)
+            tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
             residual = reach_pose(hand, i, R_WT, p_WT, q[look], R_WL, p_WL)
+            if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * max(1, last - first):
+                return look - 1
         else:
-            rotate(R_WT, hand.axis_T[i], a)
-            residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a, q[look], R_WL, p_WL)
-        intervals = max(1, look_ahead(n, j, look) - look_ahead(n, j, look - 1))
-        if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * intervals:
-            return look - 1
+            for at in range(first, last):
+                R_A, p_A = pose_at(path, at)
+                R_Z, p_Z = pose_at(path, at + 1)
+                if not short_step(hand, R_A, p_A, R_Z, p_Z, i, still, m, p_OC, p_TC, R_OT, x, q[look], R_WL, p_WL):
+                    return look - 1
+            project(hand.kind_O, hand.size_O, p_OC, p[look], n_O[look])
     return LOOKS
 
 
@@ -280,13 +290,10 @@ def outlook_of(
     if scan.kept[i, j, c] >= 0.0:
         return scan.kept[i, j, c]
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    q = np.zeros((LOOKS + 1, n_a))
-    q[0] = scan.q[i, j, c, :n_a]
-    p_TC, R_OT = stack(3), stack((3, 3))
-    touch(hand, path, scan, j, i, c, p_TC, R_OT)
+    q, p, n_O = np.zeros((LOOKS + 1, n_a)), np.empty((LOOKS + 1, 3)), np.empty((LOOKS + 1, 3))
     kept = 0 if j < n else LOOKS
     if j < n:
-        reached = hold_on(hand, path, j, i, scan.p[i, j, c], p_TC, R_OT, q)
+        reached = stay_on(hand, path, scan, j, i, c, q, p, n_O)
         while kept < reached:
             forward(hand.chains, i, q[kept + 1], scan.R_WL, scan.p_WL)
             place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
@@ -296,6 +303,17 @@ def outlook_of(
             kept += 1
     scan.kept[i, j, c] = kept / LOOKS
     return kept / LOOKS
+
+
+@njit(cache=True, nogil=True)
+def stay_on(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, q: Array, p: Array, n_O: Array) -> int:
+    """`hold_on` of agent i on candidate c in configuration j; q, p, n_O out."""
+    p_OC, p_TC, R_OT = stack(3), stack(3), stack((3, 3))
+    q[0] = scan.q[i, j, c, : q.shape[1]]
+    p[0], n_O[0] = scan.p[i, j, c], scan.n[i, j, c]
+    p_OC[:] = p[0]
+    touch(hand, path, scan, j, i, c, p_TC, R_OT)
+    return hold_on(hand, path, j, i, p_OC, p_TC, R_OT, q, p, n_O)
 
 
 @njit(cache=True, nogil=True)

@@ -52,8 +52,9 @@ def trace_contact(
             ):
                 fine = False
         elif not short_step(
-            hand, path, j, s, i, step, p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL
-        ):
+            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL,
+        ):  # fmt: skip
             fine = False
         project(hand.kind_O, hand.size_O, p_OC[s + 1], foot, n_O[s + 1])
     return fine

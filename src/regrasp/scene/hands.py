@@ -1,4 +1,4 @@
-"""The hands, added to a world: Puma fingers around a palm, planar fingers, or a robot of one's own."""
+"""The hands, added to a world: Puma fingers around a palm, planar fingers, the Allegro's kind, or a robot of one's own."""
 
 import math
 from dataclasses import dataclass
@@ -7,16 +7,23 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.scene import planar, puma, robots
+from regrasp.scene import allegro, planar, puma, robots
 from regrasp.scene.parts import LINK_COLOUR
 from regrasp.scene.pose import about, multiply
-from regrasp.scene.schema import OwnModel, PlanarHand, PumaHand, Scene
+from regrasp.scene.schema import AllegroHand, OwnModel, PlanarHand, PumaHand, Scene
 
 Array = NDArray[np.float64]
 
 # A Puma finger at rest: upper arm raised, forearm down, the tool level; joint 1 turns it towards the hand's axis.
 PUMA_HOME = np.radians([0.0, 40.0, -190.0, 0.0, 60.0, 0.0])
 PLANAR_HOME = np.radians([60.0, -120.0, 30.0])
+# Bent enough to touch something above the palm, the thumb across from the fingers.
+ALLEGRO_HOME = {
+    "index": (0.0, 0.5, 0.8, 0.8),
+    "middle": (0.0, 0.5, 0.8, 0.8),
+    "ring": (0.0, 0.5, 0.8, 0.8),
+    "thumb": (1.2, 0.5, 0.5, 0.6),
+}
 
 
 @dataclass(frozen=True)
@@ -50,13 +57,18 @@ def _finger(scene: Scene, name: str) -> Finger:
             return Finger(f"{name}/tip", _home(hand, name), puma.SPEED)
         case PlanarHand() as hand:
             return Finger(f"{name}/tip", _home(hand, name), planar.SPEED)
+        case AllegroHand() as hand:
+            return Finger(f"{name}/tip", _home(hand, name), allegro.SPEED)
         case _:
             tip = next(agent.tip for agent in scene.agents if agent.name == name)
             return Finger(f"{robots.PREFIX}{tip}", None, None)
 
 
-def _home(hand: PumaHand | PlanarHand, name: str) -> Array:
+def _home(hand: PumaHand | PlanarHand | AllegroHand, name: str) -> Array:
     """The rest posture of a built-in hand's finger."""
+    if isinstance(hand, AllegroHand):
+        given = {str(finger): angles for finger, angles in hand.home.items()}
+        return np.array(given.get(name, ALLEGRO_HOME[name]))
     if isinstance(hand, PlanarHand):
         base = hand.bases[hand.finger_names.index(name)]
         return PLANAR_HOME if base.home is None else np.array(base.home)
@@ -81,6 +93,9 @@ def attach(spec: mujoco.MjSpec, scene: Scene) -> None:
             _freeze(spec, hand, scene)
         case PlanarHand() as hand:
             _attach_planar(spec, hand)
+            _freeze(spec, hand, scene)
+        case AllegroHand() as hand:
+            _attach_allegro(spec, hand)
             _freeze(spec, hand, scene)
         case OwnModel() as model:
             robots.attach(spec, model, scene)
@@ -122,7 +137,20 @@ def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:
         planar.attach(base, name, hand.links, hand.link_radius, hand.tip_radius)
 
 
-def _freeze(spec: mujoco.MjSpec, hand: PumaHand | PlanarHand, scene: Scene) -> None:
+def _attach_allegro(spec: mujoco.MjSpec, hand: AllegroHand) -> None:
+    pose = hand.pose
+    palm = spec.worldbody.add_body(
+        name="palm", pos=pose.p + pose.R @ allegro.ORIGIN, quat=multiply(pose.wxyz, allegro.ATTITUDE)
+    )
+    allegro.attach(palm, hand.side == "left", hand.tip_radius)
+    # These overlap by construction: the first joints are in the palm, and the thumb's second link is as short as thick.
+    for name in hand.finger_names:
+        spec.add_exclude(bodyname1="palm", bodyname2=f"{name}/link1")
+    spec.add_exclude(bodyname1="palm", bodyname2="thumb/link2")
+    spec.add_exclude(bodyname1="thumb/link1", bodyname2="thumb/link3")
+
+
+def _freeze(spec: mujoco.MjSpec, hand: PumaHand | PlanarHand | AllegroHand, scene: Scene) -> None:
     """Fixes the fingers that take no part in their rest posture: they are obstacles."""
     for name in hand.finger_names:
         if name in scene.agent_names:

@@ -1,6 +1,7 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
+import typing
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -105,6 +106,11 @@ class PumaHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(self.fingers))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",) if self.palm else ()
+
 
 class PlanarBase(Strict):
     """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
@@ -134,11 +140,45 @@ class PlanarHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ()
+
+
+Four = tuple[JointValue, JointValue, JointValue, JointValue]
+Finger = Literal["index", "middle", "ring", "thumb"]
+
+
+class AllegroHand(Strict):
+    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
+
+    hand: Literal["allegro"]
+    side: Literal["right", "left"] = "right"
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    tip_radius: Length = 0.012
+    home: dict[Finger, Four] = Field(default_factory=dict)
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return typing.get_args(Finger)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",)
+
 
 class OwnModel(Strict):
     """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
 
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the robot that may carry the object."""
+        return ()
 
 
 class ModelFile(OwnModel):
@@ -198,6 +238,7 @@ def _model_tag(value: Any) -> str | None:
 MODELS: dict[str, type[Strict]] = {
     "model: puma": PumaHand,
     "model: planar": PlanarHand,
+    "model: allegro": AllegroHand,
     "model: file": ModelFile,
     "model: menagerie": MenagerieModel,
 }
@@ -212,6 +253,7 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
+    | Annotated[AllegroHand, Tag("model: allegro")]
     | Annotated[ModelFile, Tag("model: file")]
     | Annotated[MenagerieModel, Tag("model: menagerie")],
     Discriminator(
@@ -219,7 +261,7 @@ Model = Annotated[
         custom_error_type="scene",
         custom_error_message="neither a built-in hand nor a model of your own",
         custom_error_context={
-            "hint": "legal: hand: puma, hand: planar, file: robot.urdf, menagerie: wonik_allegro/right_hand"
+            "hint": "legal: hand: puma, hand: planar, hand: allegro, file: robot.urdf, menagerie: wonik_allegro/right_hand"
         },
     ),
 ]
@@ -276,8 +318,7 @@ class Scene(Strict):
     @property
     def support_names(self) -> tuple[str, ...]:
         """What may be named in `supports`: the environment, and the palm of a hand that has one."""
-        palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
-        return tuple(body.name for body in self.environment) + palm
+        return tuple(body.name for body in self.environment) + self.model.surfaces
 
     @property
     def carriers(self) -> tuple[str, ...]:

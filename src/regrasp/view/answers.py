@@ -104,6 +104,29 @@ def _errors(error: list[float | None]) -> str:
     return "lost" if shift is None or turn is None else f"{1e3 * shift:.2f} mm {math.degrees(turn):.2f}°"
 
 
+def grasps(answer: dict[str, Any]) -> None:
+    """Each grasp as a table and as what `start` of a scene file says of it."""
+    from rich.console import Console
+
+    console = Console()
+    for number, grasp in enumerate(answer.get("grasps", ()), 1):
+        title = f"grasp {number}: holds with {100 * grasp['friction']:.0f} % of the friction"
+        table = _narrow(title, ("agent",), ("touches at, mm", "normal", "presses with"))
+        for hold in grasp["holds"]:
+            p, n = (
+                ", ".join(f"{x:.{d}f}" for x in v) for v, d in (([1e3 * x for x in hold["p_O"]], 1), (hold["n_O"], 2))
+            )
+            table.add_row(hold["agent"], f"({p})", f"({n})", f"{math.hypot(*hold['force_W']):.2f} N")
+        console.print(table)
+        print("start:\n  grasp:")
+        for hold in grasp["holds"]:
+            print(f"    - {{agent: {hold['agent']}, joints: [{', '.join(f'{x:.5f}' for x in hold['q'])}]}}")
+        if grasp["off"]:
+            print(f"  off: [{', '.join(grasp['off'])}]")
+    if "picture" in answer:
+        print(f"picture: {answer['picture']}")
+
+
 def scenes(answer: dict[str, Any]) -> None:
     """Names and descriptions."""
     from rich.console import Console
