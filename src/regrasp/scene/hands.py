@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.scene import allegro, planar, puma, robots
+from regrasp.scene import allegro, planar, puma, robots, tips
 from regrasp.scene.parts import LINK_COLOUR
 from regrasp.scene.pose import about, multiply
-from regrasp.scene.schema import AllegroHand, OwnModel, PlanarHand, PumaHand, Scene
+from regrasp.scene.schema import AllegroHand, OwnModel, PlanarHand, PumaHand, Scene, Tip
 
 Array = NDArray[np.float64]
 
@@ -30,12 +30,13 @@ ALLEGRO_HOME = {
 class Finger:
     """What a hand says of one agent: the name of its tip geom in the world, its rest posture and its joint speeds.
 
-    Of a robot of one's own, whose file says the rest, both may be None.
+    Of a robot of one's own, whose file says the rest, both may be None. pieces: all geoms that the tip is made of.
     """
 
     tip: str
     home: Array | None
     speed: Array | None
+    pieces: tuple[str, ...] = ()
 
 
 def fingers(scene: Scene) -> tuple[Finger, ...]:
@@ -47,7 +48,7 @@ def fingers(scene: Scene) -> tuple[Finger, ...]:
         finger = _finger(scene, name)
         home = finger.home if spec is None or spec.home is None else np.array(spec.home)
         speed = finger.speed if spec is None or spec.speed is None else np.array(spec.speed)
-        found.append(Finger(finger.tip, home, speed))
+        found.append(Finger(finger.tip, home, speed, tips.names(finger.tip, spec and spec.tip)))
     return tuple(found)
 
 
@@ -60,7 +61,7 @@ def _finger(scene: Scene, name: str) -> Finger:
         case AllegroHand() as hand:
             return Finger(f"{name}/tip", _home(hand, name), allegro.SPEED)
         case _:
-            tip = next(agent.tip for agent in scene.agents if agent.name == name)
+            tip = next(agent.tip_name for agent in scene.agents if agent.name == name)
             return Finger(f"{robots.PREFIX}{tip}", None, None)
 
 
@@ -99,6 +100,10 @@ def attach(spec: mujoco.MjSpec, scene: Scene) -> None:
             _freeze(spec, hand, scene)
         case OwnModel() as model:
             robots.attach(spec, model, scene)
+            return
+    for agent in scene.agents:
+        if isinstance(agent.tip, Tip):
+            tips.reshape(spec, f"{agent.name}/tip", agent.tip)
 
 
 def _attach_pumas(spec: mujoco.MjSpec, hand: PumaHand) -> None:

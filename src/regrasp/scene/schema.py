@@ -194,15 +194,60 @@ class MenagerieModel(OwnModel):
     menagerie: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]*(/\w[\w.-]*)?$")]
 
 
+class Tip(Strict):
+    """A fingertip that differs from what the robot has: a box of it with rounded edges (`geom`), or a shape.
+
+    The shape is put on the `body` of a model of one's own, at `pose` in its frame, or in the place of a built-in hand's tip.
+    """
+
+    geom: str | None = None
+    body: str | None = None
+    shape: Literal["sphere", "ellipsoid", "capsule", "box"] | None = None
+    size: tuple[Length, ...] = ()
+    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @model_validator(mode="after")
+    def _check(self) -> "Tip":
+        if (self.geom is None) == (self.shape is None):
+            raise fault("needs geom or shape, not both", "geom: a box of the model, or shape and size")
+        if self.geom is not None and (self.body is not None or self.size):
+            raise fault("a geom of the model has its place and size", "geom and rounding only")
+        if self.geom is not None and self.rounding == 0.0:
+            raise fault("rounding is missing", "tip: NAME takes the geom as it is")
+        if self.shape is not None:
+            _ = self.solid
+        return self
+
+    @property
+    def solid(self) -> Object:
+        """The shape as a body of water."""
+        assert self.shape is not None
+        return Object(shape=self.shape, size=self.size, rounding=self.rounding, mass=1.0)
+
+
+def _tip_tag(value: Any) -> str:
+    return "tip: shape" if isinstance(value, dict | Tip) else "tip: name"
+
+
 class AgentSpec(Strict):
     """One finger or arm. For a built-in hand only what differs from the hand's own values is written."""
 
     name: Name
-    tip: str | None = None
+    tip: (
+        Annotated[Annotated[str, Tag("tip: name")] | Annotated[Tip, Tag("tip: shape")], Discriminator(_tip_tag)] | None
+    ) = None
     max_force: Force | None = None
     friction: Friction | None = None
     speed: JointSpeed | None = None
     home: tuple[JointValue, ...] | None = None
+
+    @property
+    def tip_name(self) -> str:
+        """What the tip's geom is called in a model of one's own."""
+        if isinstance(self.tip, Tip):
+            return self.tip.geom or f"{self.name}/tip"
+        return self.tip or ""
 
 
 class Contact(Strict):
@@ -346,13 +391,15 @@ def _agent_problems(scene: Scene) -> Iterator[Problem]:
         for i, agent in enumerate(scene.agents):
             if agent.tip is None:
                 yield f"agents.{i}.tip", "missing", "the name of the fingertip's geom in the model"
+            elif isinstance(agent.tip, Tip) and agent.tip.shape is not None and agent.tip.body is None:
+                yield f"agents.{i}.tip.body", "missing", "the body of the model that gets this tip"
         return
     fingers = scene.model.finger_names
     for i, agent in enumerate(scene.agents):
         if agent.name not in fingers:
             yield f"agents.{i}.name", f"no finger {agent.name!r}", f"legal: {', '.join(fingers)}"
-        if agent.tip is not None:
-            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out"
+        if agent.tip is not None and not (isinstance(agent.tip, Tip) and agent.tip.shape and agent.tip.body is None):
+            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out, or give shape and size"
 
 
 def _name_problems(scene: Scene) -> Iterator[Problem]:
