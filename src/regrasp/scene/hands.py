@@ -1,4 +1,4 @@
-"""The hands, added to a world: Puma fingers around a palm, planar fingers, or a user's own file."""
+"""The hands and teams, added to a world: built-in ones, or a user's own file."""
 
 import math
 from dataclasses import dataclass
@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import mjcf, planar, puma
+from regrasp.scene import flying, mjcf, mobile, planar, puma, ur5e
 from regrasp.scene.parts import LINK_COLOUR
 from regrasp.scene.pose import about, multiply
 from regrasp.scene.schema import ModelFile, PlanarHand, PumaHand, Scene
+from regrasp.scene.teams import FlyingTeam, MobileTeam, URTeam
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,8 @@ PLANAR_HOME = np.radians([60.0, -120.0, 30.0])
 
 # A user's model says nothing of speed.
 SPEED = 2.0  # rad/s or m/s
+
+BuiltIn = PumaHand | PlanarHand | FlyingTeam | MobileTeam | URTeam
 
 
 @dataclass(frozen=True)
@@ -51,20 +54,47 @@ def fingers(scene: Scene) -> tuple[Finger, ...]:
 
 def _finger(scene: Scene, name: str) -> Finger:
     match scene.model:
-        case PumaHand() as hand:
-            return Finger(f"{name}/tip", _home(hand, name), puma.SPEED)
-        case PlanarHand() as hand:
-            return Finger(f"{name}/tip", _home(hand, name), planar.SPEED)
-        case _:
+        case ModelFile():
             tip = next(agent.tip for agent in scene.agents if agent.name == name)
             return Finger(f"{PREFIX}{tip}", None, np.array(SPEED))
+        case hand:
+            return Finger(f"{name}/tip", _home(hand, name), _speed(hand))
 
 
-def _home(hand: PumaHand | PlanarHand, name: str) -> Array:
+def _speed(hand: BuiltIn) -> Array:
+    """Joint speeds of a built-in hand's fingers, rad/s or m/s."""
+    match hand:
+        case PumaHand():
+            return puma.SPEED
+        case PlanarHand():
+            return planar.SPEED
+        case FlyingTeam():
+            return flying.SPEED
+        case MobileTeam():
+            return mobile.SPEED
+        case URTeam():
+            return ur5e.SPEED
+
+
+def _home(hand: BuiltIn, name: str) -> Array:
     """The rest posture of a built-in hand's finger."""
-    if isinstance(hand, PlanarHand):
-        base = hand.bases[hand.finger_names.index(name)]
-        return PLANAR_HOME if base.home is None else np.array(base.home)
+    at = hand.finger_names.index(name)
+    match hand:
+        case PumaHand():
+            return _puma_home(hand)
+        case PlanarHand():
+            base = hand.bases[at]
+            return PLANAR_HOME if base.home is None else np.array(base.home)
+        case FlyingTeam():
+            return np.zeros(6)
+        case MobileTeam():
+            stand = hand.bases[at]
+            return np.array([*stand.position, stand.angle, *(mobile.HOME if stand.home is None else stand.home)])
+        case URTeam():
+            return ur5e.HOME if hand.home is None else np.array(hand.home)
+
+
+def _puma_home(hand: PumaHand) -> Array:
     if hand.home is not None:
         return np.array(hand.home)
     home = PUMA_HOME.copy()
@@ -80,15 +110,21 @@ def attach(spec: mujoco.MjSpec, scene: Scene) -> None:
 
     Raises InputError when a user's model cannot be used.
     """
+    if isinstance(scene.model, ModelFile):
+        _attach_file(spec, scene.model, scene)
+        return
     match scene.model:
         case PumaHand() as hand:
             _attach_pumas(spec, hand)
-            _freeze(spec, hand, scene)
         case PlanarHand() as hand:
             _attach_planar(spec, hand)
-            _freeze(spec, hand, scene)
-        case ModelFile() as file:
-            _attach_file(spec, file, scene)
+        case FlyingTeam() as team:
+            _attach_flying(spec, team)
+        case MobileTeam() as team:
+            _attach_mobile(spec, team)
+        case URTeam() as team:
+            _attach_arms(spec, team)
+    _freeze(spec, scene.model, scene)
 
 
 def _attach_pumas(spec: mujoco.MjSpec, hand: PumaHand) -> None:
@@ -127,18 +163,51 @@ def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:
         planar.attach(base, name, hand.links, hand.link_radius, hand.tip_radius)
 
 
-def _freeze(spec: mujoco.MjSpec, hand: PumaHand | PlanarHand, scene: Scene) -> None:
+def _attach_flying(spec: mujoco.MjSpec, team: FlyingTeam) -> None:
+    box = team.workspace
+    middle, half = np.array(box.position), np.array(box.size)
+    for name, at in zip(team.finger_names, team.bases, strict=True):
+        base = spec.worldbody.add_body(name=f"{name}/base", pos=at)
+        flying.attach(base, name, middle - half - at, middle + half - at, team.tip_radius)
+
+
+def _attach_mobile(spec: mujoco.MjSpec, team: MobileTeam) -> None:
+    middle, half = np.array(team.room.position), np.array(team.room.size)
+    for name in team.finger_names:
+        base = spec.worldbody.add_body(name=f"{name}/base")
+        mobile.attach(base, name, middle - half, middle + half, team.shoulder, team.tool_length, team.tip_radius)
+
+
+def _attach_arms(spec: mujoco.MjSpec, team: URTeam) -> None:
+    for name, pose in zip(team.finger_names, team.bases, strict=True):
+        base = spec.worldbody.add_body(name=f"{name}/base", pos=pose.p, quat=pose.wxyz)
+        ur5e.attach(base, name, team.tool_length, team.tip_radius)
+        spec.add_exclude(bodyname1=f"{name}/base", bodyname2=f"{name}/link1")  # the shoulder stands on the column
+
+
+def _freeze(spec: mujoco.MjSpec, hand: BuiltIn, scene: Scene) -> None:
     """Fixes the fingers that take no part in their rest posture: they are obstacles."""
     for name in hand.finger_names:
         if name in scene.agent_names:
             continue
-        for i, angle in enumerate(_home(hand, name)):
-            body = spec.body(f"{name}/link{i + 1}")
-            (joint,) = body.joints  # a hinge at the body's origin
-            turn = np.empty(4)
-            mujoco.mju_axisAngle2Quat(turn, joint.axis, angle)
-            body.quat = multiply(body.quat, turn)
-            spec.delete(joint)
+        body = spec.geom(f"{name}/tip").parent
+        chain = []
+        while body.id != 0:
+            chain.append(body)
+            body = body.parent
+        values = iter(_home(hand, name))
+        for body in reversed(chain):
+            for joint in list(body.joints):  # all at the body's origin
+                value = next(values)
+                if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+                    way = np.empty(3)
+                    mujoco.mju_rotVecQuat(way, value * joint.axis, body.quat)
+                    body.pos = body.pos + way
+                else:
+                    turn = np.empty(4)
+                    mujoco.mju_axisAngle2Quat(turn, joint.axis, value)
+                    body.quat = multiply(body.quat, turn)
+                spec.delete(joint)
 
 
 def _attach_file(spec: mujoco.MjSpec, model: ModelFile, scene: Scene) -> None:

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, StringConstraints, Tag, model_validat
 from pydantic_core import PydanticCustomError
 
 from regrasp.scene.pose import Pose, Strict, conjugate, multiply
+from regrasp.scene.teams import FlyingTeam, MobileTeam, URTeam
 from regrasp.scene.units import (
     Acceleration,
     Angle,
@@ -182,7 +183,10 @@ def _model_tag(value: Any) -> str | None:
 
 
 # Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+MODELS: dict[str, type[Strict]] = {
+    "model: puma": PumaHand, "model: planar": PlanarHand, "model: flying": FlyingTeam, "model: mobile": MobileTeam,
+    "model: ur5e": URTeam, "model: file": ModelFile,
+}  # fmt: skip
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -194,12 +198,15 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
+    | Annotated[FlyingTeam, Tag("model: flying")]
+    | Annotated[MobileTeam, Tag("model: mobile")]
+    | Annotated[URTeam, Tag("model: ur5e")]
     | Annotated[ModelFile, Tag("model: file")],
     Discriminator(
         _model_tag,
         custom_error_type="scene",
         custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+        custom_error_context={"hint": "legal: hand: puma, planar, flying, mobile or ur5e, or file: robot.xml"},
     ),
 ]
 
