@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, hands, mjcf, robots, solids, tips
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
-from regrasp.scene.schema import Environment, OwnModel, Scene
+from regrasp.scene.schema import Environment, Scene
 from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
@@ -28,11 +29,11 @@ ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind, tip_size (4,):
-    its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies:
-    those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed:
-    rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction: coefficient between tip and object.
-    Arrays are (n,), n the number of joints.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
+    tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
+    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
+    coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str
