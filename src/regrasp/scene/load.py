@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from regrasp.errors import InputError
-from regrasp.scene.schema import MODELS, ModelFile, Scene
+from regrasp.scene.schema import MODELS, OBJECTS, MeshObject, ModelFile, Scene
 
 # What a wrong type is called where a scene's reader would not know pydantic's name for it.
 _TYPES = {
@@ -56,7 +56,7 @@ def builtin() -> dict[str, str]:
 def load(name_or_path: str | Path) -> Scene:
     """The scene of a built-in name, or of a YAML file (anything with a suffix or a slash is a path).
 
-    A model file named in the scene counts from the scene file's directory. Raises InputError: its line names the first
+    Files named in the scene count from the scene file's directory. Raises InputError: its line names the first
     wrong field, its `others` hold all further ones.
     """
     name = str(name_or_path)
@@ -78,7 +78,7 @@ def load(name_or_path: str | Path) -> Scene:
 
 
 def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
-    """The scene in a YAML text; `file` is what errors call it, `directory` where a relative model file counts from."""
+    """The scene in a YAML text; `file` is what errors call it, `directory` where relative file names count from."""
     try:
         data = yaml.load(text, Loader)
     except yaml.MarkedYAMLError as error:
@@ -87,10 +87,19 @@ def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
     except yaml.YAMLError as error:
         raise InputError("YAML", str(error).splitlines()[0], "a scene is a YAML file", file) from None
     scene = validate(data, file)
-    if directory is not None and isinstance(scene.model, ModelFile):
-        model = scene.model.model_copy(update={"file": str(directory / scene.model.file)})
-        scene = scene.model_copy(update={"model": model})
-    return scene
+    return scene if directory is None else _placed(scene, directory)
+
+
+def _placed(scene: Scene, directory: Path) -> Scene:
+    """The scene with the files it names counted from the directory."""
+
+    def found(part: Any) -> Any:
+        return part.model_copy(update={"file": str(directory / part.file)})
+
+    model = found(scene.model) if isinstance(scene.model, ModelFile) else scene.model
+    thing = found(scene.object) if isinstance(scene.object, MeshObject) else scene.object
+    bodies = tuple(found(body) if body.file else body for body in scene.environment)
+    return scene.model_copy(update={"model": model, "object": thing, "environment": bodies})
 
 
 def validate(data: Any, file: str = "") -> Scene:
@@ -154,9 +163,10 @@ def _short(value: Any) -> str:
 def _keys(path: Iterable[str | int]) -> list[str]:
     """The legal keys at a path of pydantic's: its model is found by following the schema's annotations along it."""
     models: list[type[BaseModel]] = [Scene]
+    tagged = {**MODELS, **OBJECTS}
     for part in path:
-        if isinstance(part, str) and part in MODELS:
-            models = [MODELS[part]]
+        if isinstance(part, str) and part in tagged:
+            models = [tagged[part]]
         elif isinstance(part, str) and ": " not in part:
             annotations = [model.model_fields[part].annotation for model in models if part in model.model_fields]
             models = [found for annotation in annotations for found in _models(annotation)]
