@@ -10,9 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from PIL import Image
 
 from regrasp.cli import main
 from regrasp.plan import Plan, load
+from regrasp.scene.load import load as load_scene
+from regrasp.scene.load import validate
 from regrasp.verify.findings import Certificate, Finding
 
 
@@ -79,7 +83,7 @@ def planner(monkeypatch: pytest.MonkeyPatch) -> Callable[[Planner], list[tuple]]
 
 
 def outcome(plan: Plan | None = None, failure: Failure | None = None) -> types.SimpleNamespace:
-    return types.SimpleNamespace(plan=plan, failure=failure, tried=())
+    return types.SimpleNamespace(plan=plan, failure=failure, tried=(), repairs=())
 
 
 def interrupted() -> types.SimpleNamespace:
@@ -120,7 +124,7 @@ def test_planning_imports_what_planning_needs() -> None:
     assert "fig4-relocation?" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["plan", "check", "replay", "scenes", "render", "bench"])
+@pytest.mark.parametrize("command", ["plan", "check", "replay", "grasp", "scenes", "render", "bench"])
 def test_every_command_has_help(command, capsys, planner):
     planner(outcome)
     with pytest.raises(SystemExit) as end:
@@ -144,6 +148,8 @@ def test_every_command_has_help(command, capsys, planner):
         (["render", "x.npz", "-o", "x.png", "--frmes", "3"], "--frames"),
         (["render", "x.npz", "-o", "x.jpg"], ".png"),
         (["render", "x.npz", "-o", "x.png", "--frames", "0"], "1 to 12"),
+        (["grasp", "fig3-puma3", "--count", "0"], "1 to 12"),
+        (["grasp", "fig3-puma3", "-o", "x.jpg"], ".png"),
         (["bench", "papers"], "minima"),
         (["bench", "scenes", "--seeds", "0"], "--seeds"),
         (["plan", "fig3-puma3"], "--output"),
@@ -256,6 +262,18 @@ def test_check_of_a_file_that_is_no_plan(capsys, tmp_path):
     path.write_text("nothing of the kind")
     assert main(["check", str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_grasps_are_shown_as_lines_of_a_scene_file(capsys, tmp_path):
+    assert main(["grasp", "fig2-planar", "--count", "2", "-o", str(tmp_path / "grasps.png")]) == 0
+    text = capsys.readouterr().out
+    first = text[text.index("start:") :].split("grasp 2:")[0]
+    start = yaml.safe_load(first)["start"]
+    data = load_scene("fig2-planar").model_dump(mode="json")
+    data["start"].update(start)
+    assert {contact.agent for contact in validate(data).start.grasp} <= {"finger1", "finger2", "finger3"}
+    with Image.open(tmp_path / "grasps.png") as picture:
+        assert picture.width > picture.height
 
 
 def test_scenes_lists_the_built_in_ones(capsys):

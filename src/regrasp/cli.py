@@ -179,15 +179,29 @@ def _plan(arguments: list[str]) -> Answer:
         outcome = plan_scene(scene, seed, settings, report)
     seconds = time.perf_counter() - started
     arcs = [str(arc) for arc in outcome.tried]
+    for repair in outcome.repairs:
+        _say(f"{scene.name}: {repair}")
     if outcome.plan is None:
         failure = outcome.failure
         assert failure is not None
         _say(f"{scene.name}: no plan: {failure}")
         for arc in outcome.tried:
             _say(f"tried: {arc}")
-        return REFUSED, {"scene": scene.name, "seconds": seconds, "failure": dataclasses.asdict(failure), "arcs": arcs}
+        return REFUSED, {
+            "scene": scene.name,
+            "seconds": seconds,
+            "failure": dataclasses.asdict(failure),
+            "arcs": arcs,
+            "repairs": outcome.repairs,
+        }
     outcome.plan.save(output)
-    answer = {"plan": str(output), "seconds": seconds, **outcome.plan.summary(), "arcs": arcs}
+    answer = {
+        "plan": str(output),
+        "seconds": seconds,
+        **outcome.plan.summary(),
+        "arcs": arcs,
+        "repairs": outcome.repairs,
+    }
     if outcome.failure is None:
         return DONE, answer
     _say(f"{scene.name}: the best plan so far, not feasible, is in {output}: {outcome.failure}")
@@ -287,6 +301,55 @@ def _replay(arguments: list[str]) -> Answer:
     return (DONE if result.passed else REFUSED), answer
 
 
+def _grasp(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(
+        scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")],
+        count: int = 4,
+        seed: int = 0,
+        output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None,
+    ) -> tuple[str, int, int, Path | None]:
+        """Read the command line.
+
+        Args:
+            scene: Name of a built-in scene (see `regrasp scenes`), or path of a scene file.
+            count: Grasps shown, the best first, 1 to 12.
+            seed: Seed of the search.
+            output: Picture to write, a .png file.
+        """
+        return scene, count, seed, output
+
+    name, count, seed, output = _parse(request, "grasp", arguments)
+    if not 1 <= count <= 12:
+        raise InputError("--count", f"is {count}", "1 to 12")
+    if output is not None:
+        if output.suffix.lower() != ".png":
+            raise InputError("--output", f"{output} is not a .png file", "pictures are written as PNG")
+        _writable(output)
+    from regrasp.planner.outcome import Failure
+    from regrasp.planner.proposals import propose
+    from regrasp.planner.task import Settings
+    from regrasp.scene.load import load
+    from regrasp.settings import read
+    from regrasp.view.progress import Reporter
+
+    scene = load(name)
+    with Reporter() as report:
+        found = propose(scene, seed, count, read(Settings, scene.planner), report)
+    if isinstance(found, Failure):
+        _say(f"{scene.name}: no grasp: {found}")
+        return REFUSED, {"scene": scene.name, "failure": dataclasses.asdict(found)}
+    answer: dict[str, Any] = {"scene": scene.name, "grasps": [proposal.to_dict() for proposal in found]}
+    if output is not None:
+        from regrasp.view.grasps import page
+
+        captions = [f"holds with {100 * proposal.friction:.0f} % of the friction" for proposal in found]
+        page([proposal.rest for proposal in found], captions).save(output)
+        answer["picture"] = str(output)
+    return DONE, answer
+
+
 def _scenes(arguments: list[str]) -> Answer:
     def request() -> None:
         """Read the command line."""
@@ -295,6 +358,16 @@ def _scenes(arguments: list[str]) -> Answer:
     from regrasp.scene.load import builtin
 
     return DONE, {"scenes": [{"name": name, "description": words} for name, words in builtin().items()]}
+
+
+def _models(arguments: list[str]) -> Answer:
+    def request() -> None:
+        """Read the command line."""
+
+    _parse(request, "models", arguments)
+    from regrasp.scene import menagerie, models
+
+    return DONE, {"hands": models.hands(), "menagerie": list(menagerie.names()), "root": menagerie.root()}
 
 
 def _render(arguments: list[str]) -> Answer:
@@ -335,6 +408,7 @@ BENCHES = {
     "replays": "replays",
     "replans": "replans",
     "levers": "levers",
+    "goals": "goals",
 }
 """Benchmark → the module of `regrasp.bench` that has it."""
 
@@ -343,7 +417,9 @@ def _bench(arguments: list[str]) -> Answer:
     import tyro
 
     def request(
-        name: Annotated[Literal["paper", "minima", "scenes", "replays", "replans", "levers"], tyro.conf.Positional],
+        name: Annotated[
+            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals"], tyro.conf.Positional
+        ],
         seeds: int = 10,
     ) -> tuple[str, int]:
         """Read the command line.
@@ -353,7 +429,8 @@ def _bench(arguments: list[str]) -> Answer:
                 scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
                 replans: displaced states along plans, planned again.
                 levers: what makes them survive it, switched off one by one.
-            seeds: How many seeds are run.
+                goals: random goals of objects in three fingertips.
+            seeds: How many seeds are run, or goals per object.
         """
         return name, seeds
 
@@ -385,8 +462,10 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "plan": ("Plan a scene: contact motions, joint trajectories and forces, from start to goal.", _plan, answers.plan),
     "check": ("Re-check a plan independently of the planner: the certificate.", _check, answers.certificate),
     "replay": ("Execute a plan in physics, as planned and in perturbed trials.", _replay, answers.replay),
+    "grasp": ("Show the best start grasps of a scene, to choose one from.", _grasp, answers.grasps),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
+    "models": ("List the robots that a scene can name: built-in hands, MuJoCo Menagerie.", _models, answers.models),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
-    "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers.", _bench, _nothing),
+    "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers, goals.", _bench, _nothing),
 }
 """Name → what it does, what runs it, what shows its answer."""

@@ -14,10 +14,9 @@ from regrasp.kernels.forces import EDGES as EIGHT
 from regrasp.planner.arcs import straight
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
-from regrasp.planner.grasp import OUT, drawn, find_grasp, given_grasp, grasp_cost, look_over
+from regrasp.planner.grasp import OUT, drawn, find_grasp, given_grasp, grasp_cost, look_over, nothing_ahead
 from regrasp.planner.legs import pieces_of
 from regrasp.planner.outcome import Failure
-from regrasp.planner.scan import LOOKS
 from regrasp.planner.task import prepare
 from regrasp.scene.load import load
 
@@ -169,21 +168,21 @@ def drawing(a: Arc):
     k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     carried = path.support_mode.shape[1] > 0
     R_WB, p_WB = bodies_along(hand, path)
-    kept, ahead_R = np.zeros((k, count)), np.zeros((k, count, LOOKS + 1, geoms, 3, 3))
-    ahead_p, rest_R, rest_p = np.zeros(ahead_R.shape[:-1]), np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
+    ahead = nothing_ahead(k, count, geoms)
+    rest_R, rest_p = np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
     for i in range(k):
-        look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[i], ahead_R[i], ahead_p[i])
+        look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, i, ahead)
         q = hand.home[a.joints(i)]
         R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
         forward(hand.chains, i, q, R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
-    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] * carried).astype(np.int64) for row in kept]
+    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] * carried).astype(np.int64) for row in ahead.kept]
     counts, table = np.array([len(row) for row in legal]), np.full((k, max(map(len, legal))), OUT)
     for row, free in zip(table, legal, strict=True):
         row[: len(free)] = free
     fixed = (hand, path, scan, terms, np.arange(k), rest_R, rest_p)
     lp = program(EIGHT * (k + path.support_mode.shape[1]), k)
-    return fixed, (terms.margins, kept, ahead_R, ahead_p), lp, (table, counts), legal
+    return fixed, (terms.margins, ahead), lp, (table, counts), legal
 
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar", "heavy-push"])

@@ -93,7 +93,7 @@ BAD = [
     ("freedoms", ["x", "roll"], "freedoms.1: 'roll' is not legal (legal: 'x', 'y'"),
     ("freedoms", [], "freedoms: "),
     ("freedoms", ["x", "z", "ry"], "goal.pose: differs from the start in y, rz (freedoms: x, z, ry)"),
-    ("model", {"hand": "barrett"}, "model: neither a built-in hand nor a file"),
+    ("model", {"hand": "barrett"}, "model: neither a built-in hand nor a model of your own"),
     ("model", {"hand": "puma", "fingers": 0}, "model.fingers: "),
     ("model", {"hand": "puma", "scale": 300}, "model.scale: 300 is too large"),
     ("model", {"hand": "planar"}, "model.bases: missing"),

@@ -7,25 +7,27 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward, jacobian
-from regrasp.kernels.contact import advance
+from regrasp.kernels.contact import OK, advance, settle
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
-from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import minus, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import project
+from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_near
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
+from regrasp.planner.tips import fits, plain, under
 
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
 SUBSTEPS = cast(
     int, np.int64(1)
-)  # of the contact equations in one interval: good to 1 µm on a tip's way of some millimetres
+)  # of the contact equations in one interval for a ball on a smooth object: good to 1 µm on a way of some millimetres
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
+AGREEING = 12  # places and attitudes of a short chain's tip that is no ball, until they agree
 AGILE = 4.0  # rad per rad
 JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
@@ -145,41 +147,52 @@ def reach_tip(
 
 
 @njit(cache=True, nogil=True)
+def roll(
+    hand: Hand, i: int, command: Array, steps: int, p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array
+) -> bool:  # fmt: skip
+    """Move agent i's contact by a command (ω_x, ω_y, v_x, v_y) in so many steps; whether it can, and stays the only one."""
+    status = advance(
+        hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, command, steps, p_OC, p_TC, R_OT, x_O
+    )
+    return status == OK and fits(hand, i, p_OC, p_TC, R_OT)
+
+
+@njit(cache=True, nogil=True)
 def short_step(
-    hand: Hand, path: Path, j: int, s: int, i: int, command: Array,
+    hand: Hand, R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, i: int, command: Array, steps: float,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """One sample forward for an agent of fewer than six joints (DESIGN: agents of any freedom).
+    """One step of an agent of fewer than six joints, as the object goes from the pose A to Z (DESIGN: agents of any freedom).
 
     The relative linear velocity is a hard constraint; the commanded relative angular velocity is met in the least-squares
     sense, and the contact evolves by the relative angular velocity actually achieved. Midpoint rule in the joints, then
-    the tip's position is settled exactly. command: ω_x, ω_y, v_x, v_y over this one sample, in C.
+    the tip's position is settled exactly; where that turns a tip that is no ball, its contact rolls on as it turns.
+    command: ω_x, ω_y, v_x, v_y over this step, in C. steps: samples that it goes.
     """
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     J = np.empty((6, n_a))
-    n, y, foot = np.empty(3), np.empty(3), np.empty(3)
-    v, w, r, w_O, dq, got = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(n_a), np.empty(3)
-    turn, shift = np.empty(3), np.empty(3)
-    step, R_WO, p_W = np.empty(4), np.empty((3, 3)), np.empty(3)
-    object_step(path, j, s, turn, shift)
+    n, y, foot = stack(3), stack(3), stack(3)
+    v, w, r, w_O, dq, got = stack(3), stack(3), stack(3), stack(3), np.empty(n_a), stack(3)
+    turn, shift = stack(3), stack(3)
+    step, R_WO, p_W = stack(4), stack((3, 3)), stack(3)
+    object_step(R_A, p_A, R_Z, p_Z, turn, shift)
     middle = q.copy()
-    contact, axis = p_OC.copy(), x_O.copy()
     defect = 0.0
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+    for a in range(3):
+        y[a] = n[(a + 1) % 3] * x_O[(a + 2) % 3] - n[(a + 2) % 3] * x_O[(a + 1) % 3]
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
-        project(hand.kind_O, hand.size_O, contact, foot, n)
-        for a in range(3):
-            y[a] = n[(a + 1) % 3] * axis[(a + 2) % 3] - n[(a + 2) % 3] * axis[(a + 1) % 3]
         u = 0.5 * stage
         for a in range(3):
             for b in range(3):
-                R_WO[a, b] = (1.0 - u) * path.R_WO[j, s, a, b] + u * path.R_WO[j, s + 1, a, b]
-            p_W[a] = path.p_WO[j, s, a] + u * shift[a]
+                R_WO[a, b] = (1.0 - u) * R_A[a, b] + u * R_Z[a, b]
+            p_W[a] = p_A[a] + u * shift[a]
         rotate(R_WO, foot, r)
         for a in range(3):
-            w_O[a] = command[0] * axis[a] + command[1] * y[a]
-            v[a] = command[2] * axis[a] + command[3] * y[a]
+            w_O[a] = command[0] * x_O[a] + command[1] * y[a]
+            v[a] = command[2] * x_O[a] + command[3] * y[a]
         rotate(R_WO, v, v)
         rotate(R_WO, w_O, w)
         for a in range(3):
@@ -197,37 +210,53 @@ def short_step(
     step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
     step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
     step[2], step[3] = command[2], command[3]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), p_OC, p_TC, R_OT, x_O)
+    kept = roll(hand, i, step, whole(1), p_OC, p_TC, R_OT, x_O)
+    quickest, beyond, first = 0.0, 0.0, hand.chains.start[i]
     for a in range(n_a):
-        q[a] += dq[a]
-    R_WT, p_WT = np.empty((3, 3)), np.empty(3)
-    tip_target(path.R_WO[j, s + 1], path.p_WO[j, s + 1], p_OC, p_TC, R_OT, R_WT, p_WT)
-    rotate(R_WT, hand.axis_T[i], w)
-    predicted = q.copy()
-    residual, _ = inverse_point(hand.chains, i, p_WT, hand.axis_T[i], w, q, R_WL, p_WL)
-    # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
-    multiply_back(path.R_WO[j, s + 1], R_WL[n_a], R_OT)
-    project(hand.kind_O, hand.size_O, p_OC, foot, n)
-    rotate_back(R_OT, n, r)
+        middle[a] = q[a] = q[a] + dq[a]
+        quickest = max(quickest, abs(dq[a]))
+        beyond = max(beyond, q[a] - hand.chains.upper[first + a], hand.chains.lower[first + a] - q[a])
+    R_WT, p_WT = stack((3, 3)), stack(3)
+    tip_target(R_Z, p_Z, p_OC, p_TC, R_OT, R_WT, p_WT)
+    # The position alone, in the shortest way: the turn is what the rates made of it.
     for a in range(3):
-        p_TC[a] = -hand.size_T[i, 0] * r[a]
+        w[a] = 0.0
+    residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
+    # The tip's orientation is what the joints give, and the touching point follows from it.
+    multiply_back(R_Z, R_WL[n_a], R_OT)
+    if hand.kind_T[i] == SPHERE:
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+        under(hand, i, R_OT, n, p_TC)
+    else:
+        agree = False
+        for _ in range(AGREEING):
+            status, _ = settle(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, p_OC, p_TC, R_OT)
+            tip_target(R_Z, p_Z, p_OC, p_TC, R_OT, R_WT, p_WT)
+            agree = status == OK and norm(minus(p_WT, p_WL[n_a])) < REACHED
+            if status != OK or agree:
+                break
+            residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
+            multiply_back(R_Z, R_WL[n_a], R_OT)
+        kept = kept and agree
+    settled = 0.0
+    for a in range(n_a):
+        settled = max(settled, abs(q[a] - middle[a]))
     # Near a singularity or a joint limit the rates can't be met, and settling would slip or turn the tip instead.
-    met = defect < REACHED and np.max(np.abs(dq)) < SPURT and np.max(np.abs(q - predicted)) < SETTLE
-    return met and residual < REACHED
+    met = defect < REACHED * steps and quickest < SPURT * steps and settled < SETTLE * steps * steps
+    return kept and met and residual < REACHED and beyond < SETTLE
 
 
 @njit(cache=True, nogil=True)
-def object_step(path: Path, j: int, s: int, turn: Array, shift: Array) -> None:
-    """Rotation vector (W) and displacement of the object from sample s to s + 1 of interval j."""
-    A, B = path.R_WO[j, s], path.R_WO[j, s + 1]
-    # For the small steps between samples the skew part of B Aᵀ is sin θ along the axis.
+def object_step(R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, turn: Array, shift: Array) -> None:
+    """Rotation vector (W) and displacement of the object from the pose A to Z."""
+    # For the small steps between samples the skew part of Z Aᵀ is sin θ along the axis.
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         skew = 0.0
         for x in range(3):
-            skew += B[c, x] * A[b, x] - B[b, x] * A[c, x]
+            skew += R_Z[c, x] * R_A[b, x] - R_Z[b, x] * R_A[c, x]
         turn[a] = 0.5 * skew
-        shift[a] = path.p_WO[j, s + 1, a] - path.p_WO[j, s, a]
+        shift[a] = p_Z[a] - p_A[a]
     sine = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
     if sine > 1e-12:
         scale = np.arcsin(min(1.0, sine)) / sine
@@ -248,11 +277,14 @@ def follow(
     """
     m = path.R_WO.shape[1] - 1
     if is_full(hand, i):
-        advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], command, SUBSTEPS, p_OC, p_TC, R_OT, x_O)
-        return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+        kept = roll(hand, i, command, SUBSTEPS if plain(hand, i) else m, p_OC, p_TC, R_OT, x_O)
+        return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL) and kept
     fine = True
     step = command / m
     for s in range(m):
-        if not short_step(hand, path, j, s, i, step, p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL):
+        if not short_step(
+            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL,
+        ):  # fmt: skip
             fine = False
     return fine

@@ -9,24 +9,39 @@ from numpy.typing import NDArray
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
-from regrasp.kernels.inverse import inverse_point
+from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
-from regrasp.planner.follow import REACHED
+from regrasp.planner.follow import is_full
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
-from regrasp.planner.scan import LOOKS, Scan, candidate_free, hold_on, look_ahead, outlook_of, touch, touch_down
+from regrasp.planner.scan import LOOKS, Scan, candidate_free, look_ahead, lower, outlook_of, stay_on, touch_down
 from regrasp.planner.supports import STICK
 from regrasp.planner.terms import Terms
+from regrasp.planner.tips import tip_gap, under
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
 OUT = -1  # the choice of an agent that stays off
+
+
+class Ahead(Record):
+    """What becomes of the contacts of the agents (A,) on the candidates (A, C) if they are kept along the path.
+
+    kept (A, C): part of the path on which that is possible, −1 where the agent can't stand. At the start and the looks ahead,
+    (A, C, LOOKS + 1, …): p_O, n_O, where the contact is and its normal; R_WG, p_WG (…, g_max, …), the agent's bodies.
+    """
+
+    kept: Array
+    p_O: Array
+    n_O: Array
+    R_WG: Array
+    p_WG: Array
 
 
 @dataclass(frozen=True)
@@ -51,12 +66,13 @@ class GraspSearch:
 
 
 def contact_from(hand: Hand, i: int, R_WO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
-    """(p_OC, p_TC, R_OT) of a spherical tip that touches the object at p_O with joints q."""
+    """(p_OC, p_TC, R_OT) of a tip that touches the object at p_O with joints q."""
     count = len(q)
     R_WL, p_WL = np.empty((count + 1, 3, 3)), np.empty((count + 1, 3))
     forward(hand.chains, i, q, R_WL, p_WL)
-    R_OT = R_WO.T @ R_WL[count]
-    return p_O, -hand.size_T[i, 0] * (R_OT.T @ n_O), R_OT
+    R_OT, p_TC = R_WO.T @ R_WL[count], np.empty(3)
+    under(hand, i, R_OT, n_O, p_TC)
+    return p_O, p_TC, R_OT
 
 
 def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array, Array]]) -> Grasp:
@@ -69,15 +85,6 @@ def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array,
         p_OC[i], p_TC[i], R_OT[i] = contact_from(hand, i, R_WO, joints, p_O, n_O)
         holds[i] = 1
     return Grasp(q, holds, p_OC, p_TC, R_OT)
-
-
-def near(hand: Hand, i: int, p_WT: Array, a_W: Array, seed: Array, q: Array, R_WL: Array, p_WL: Array) -> bool:
-    """Joints q of agent i, from the seed, with the tip at p_WT and pointing along a_W as well as it can; whether it gets there.
-
-    What `touch_down` does for chains without a closed form; arms that have one point their tools exactly there or not at all.
-    """
-    q[:] = seed
-    return bool(inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a_W, q, R_WL, p_WL)[0] < REACHED)
 
 
 def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
@@ -95,7 +102,7 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
                 return Failure("grasp", "start.grasp", contact.agent, f"{len(q)} joint values", f"give {last - first}")
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
-            gap = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
+            gap = tip_gap(hand, i, R_WO.T @ R_WL[last - first], centre, foot, n)
             if abs(gap) > 1e-3:
                 return Failure(
                     "grasp", "start.grasp", contact.agent, f"its tip is {1e3 * gap:.1f} mm from the object's surface",
@@ -104,12 +111,14 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             direction = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
         else:
             q = hand.home[first:last].copy()
-            project(hand.kind_O, hand.size_O, np.array(contact.point, float), foot, n)
+            project(hand.kind_O, hand.size_O, hand.grids, np.array(contact.point, float), foot, n)
             direction = -n
-        seed = q.copy()
-        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, q, R_WL, p_WL) and not near(
-            hand, i, R_WO @ (foot + hand.size_T[i, 0] * n) + p_WO, R_WO @ direction, seed, q, R_WL, p_WL
-        ):
+        stand, seed = (hand, i, R_WO, p_WO, foot, n, 0.0, direction), q.copy()
+        reached = touch_down(*stand, q, R_WL, p_WL)
+        if not reached:  # an arm with a closed form points its tool exactly there or not at all
+            q = seed
+            reached = lower(*stand, q, R_WL, p_WL)
+        if not reached:
             return Failure(
                 "reach", "start.grasp", contact.agent, f"cannot reach the contact at {np.round(foot, 4).tolist()}",
                 "a point nearer to the agent's base, or a larger hand",
@@ -140,22 +149,20 @@ def indispensable(
 @njit(cache=True, nogil=True)
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
-    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array,
-    bound: float, lp: Program,
+    choice: NDArray[np.int64], margins: Margins, ahead: Ahead, bound: float, lp: Program,
 ) -> float:  # fmt: skip
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
     An agent whose choice is OUT is off. As in a relocation: where contacts leave reach, where the object is not held on the
-    way, and agents that could not be relocated as the others don't hold. kept (agents, C): part of the path on which each can
-    keep its contact; ahead_R, ahead_p (agents, C, LOOKS + 1, g_max, …): its bodies there; rest_R, rest_p (k, g_max, …): all
-    agents' bodies at rest. inf without equilibrium, where two agents collide at the start, where no agent touches, or as soon
+    way, and agents that could not be relocated as the others don't hold. rest_R, rest_p (k, g_max, …): all agents' bodies at
+    rest. inf without equilibrium, where two agents collide at the start, where no agent touches, or as soon
     as it is known not to be below the bound.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int16)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
     which = np.full(k, -1)
-    cost, start, stick = 0.0, whole(0), 0
+    cost, start, stick, wanders = 0.0, whole(0), 0, path.support_mode.shape[1] > 0
     for a in range(len(agents)):
         if choice[a] == OUT:
             continue
@@ -163,31 +170,34 @@ def grasp_cost(
         which[i] = a
         bears[i] = 1
         stick += 1
-        p[i] = scan.p[i, 0, choice[a]]
-        normal[i] = scan.n[i, 0, choice[a]]
-        cost += terms.outlook * (1.0 - kept[a, choice[a]])
+        cost += terms.outlook * (1.0 - ahead.kept[a, choice[a]])
+        wanders = wanders or not is_full(hand, i)
     if stick == 0 or cost >= bound:
         return np.inf
     for column in range(path.support_mode.shape[1]):
         if path.support_mode[n // 2, column] == STICK:
             stick += 1
     cost += terms.stability * max(0, hand.needed - stick)
+    contacts_at(which, choice, ahead, whole(0), p, normal)
     held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, False, lp)
     if not held or cost + value >= bound:
         return np.inf
     cost += value
+    contacts_at(which, choice, ahead, whole(LOOKS), p, normal)
     held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, False, lp)
     cost += value if held else 2.0 * terms.outlook
-    if path.support_mode.shape[1] > 0:
+    if wanders:
         for look in range(1, LOOKS):
             if cost >= bound:
                 return np.inf
             j = look_ahead(n, start, look)
+            contacts_at(which, choice, ahead, whole(look), p, normal)
             held, value, _ = balance(hand, path, min(j, n - 1), start, bears, codes, p, normal, t, margins, False, lp)
             if not held:
                 cost += 2.0 * terms.outlook / LOOKS
     if cost >= bound:
         return np.inf
+    contacts_at(which, choice, ahead, whole(0), p, normal)
     cost += terms.outlook * indispensable(hand, path, bears, p, normal, margins, lp)
     if cost >= bound:
         return np.inf
@@ -195,11 +205,14 @@ def grasp_cost(
         for a in range(k):
             R_A, p_A = rest_R[a], rest_p[a]
             if which[a] >= 0:
-                R_A, p_A = ahead_R[which[a], choice[which[a]], look], ahead_p[which[a], choice[which[a]], look]
+                R_A, p_A = ahead.R_WG[which[a], choice[which[a]], look], ahead.p_WG[which[a], choice[which[a]], look]
             for c in range(a + 1, k):
                 R_C, p_C = rest_R[c], rest_p[c]
                 if which[c] >= 0:
-                    R_C, p_C = ahead_R[which[c], choice[which[c]], look], ahead_p[which[c], choice[which[c]], look]
+                    R_C, p_C = (
+                        ahead.R_WG[which[c], choice[which[c]], look],
+                        ahead.p_WG[which[c], choice[which[c]], look],
+                    )
                 if hits(hand, a, c, R_A, p_A, R_C, p_C, terms.clearance):
                     if look == 0:
                         return np.inf
@@ -210,37 +223,46 @@ def grasp_cost(
 
 
 @njit(cache=True, nogil=True)
-def look_over(
-    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, clearance: float,
-    kept: Array, ahead_R: Array, ahead_p: Array,
-) -> int:  # fmt: skip
-    """Every candidate for agent i at the path's start: how many it can stand on; kept and bodies as in `grasp_cost`, out.
+def contacts_at(
+    which: NDArray[np.int64], choice: NDArray[np.int64], ahead: Ahead, look: int, p: Array, n: Array
+) -> None:
+    """p, n (k, 3): the contacts at a look ahead of the agents with a row in `ahead`, which[i] ≥ 0, on their candidates."""
+    for i in range(len(which)):
+        if which[i] >= 0:
+            for x in range(3):
+                p[i, x] = ahead.p_O[which[i], choice[which[i]], look, x]
+                n[i, x] = ahead.n_O[which[i], choice[which[i]], look, x]
 
-    kept (C,) is −1 where it can't.
-    """
+
+@njit(cache=True, nogil=True)
+def look_over(
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, clearance: float, row: int, ahead: Ahead
+) -> int:
+    """Every candidate for agent i at the path's start: how many it can stand on; its row of `ahead` out."""
     n_a, count = hand.chains.start[i + 1] - hand.chains.start[i], 0
     start = whole(0)
-    joints, p_TC, R_OT = np.zeros((LOOKS + 1, n_a)), np.empty(3), np.empty((3, 3))
+    q = np.zeros((LOOKS + 1, n_a))
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     for c in range(len(scan.p_O)):
-        kept[c] = -1.0
+        ahead.kept[row, c] = -1.0
         if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, clearance):
             continue
         count += 1
-        kept[c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, clearance)
-        touch(hand, path, scan, start, i, c, p_TC, R_OT)
-        joints[0] = scan.q[i, 0, c, :n_a]
-        reached = hold_on(hand, path, start, i, scan.p[i, 0, c], p_TC, R_OT, joints)
+        ahead.kept[row, c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, clearance)
+        p, n_O = ahead.p_O[row, c], ahead.n_O[row, c]
+        reached = stay_on(hand, path, scan, start, i, c, q, p, n_O)
         for look in range(LOOKS + 1):
-            forward(hand.chains, i, joints[min(look, reached)], R_WL, p_WL)
-            place_agent(hand, i, R_WL, p_WL, ahead_R[c, look], ahead_p[c, look])
+            last = min(look, reached)
+            p[look], n_O[look] = p[last], n_O[last]
+            forward(hand.chains, i, q[last], R_WL, p_WL)
+            place_agent(hand, i, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
     return count
 
 
 @njit(cache=True, nogil=True)
 def improve(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
-    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array, cost: float, lp: Program,
+    choice: NDArray[np.int64], margins: Margins, ahead: Ahead, cost: float, lp: Program,
 ) -> float:  # fmt: skip
     """Change one agent's candidate at a time as long as the cost falls; choice in and out. Returns the cost.
 
@@ -252,13 +274,11 @@ def improve(
         changed = False
         for a in range(len(agents)):
             for c in range(first, len(scan.p_O)):
-                if c >= 0 and kept[a, c] < 0.0:
+                if c >= 0 and ahead.kept[a, c] < 0.0:
                     continue
                 before = choice[a]
                 choice[a] = c
-                value = grasp_cost(
-                    hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, kept, ahead_R, ahead_p, cost, lp
-                )
+                value = grasp_cost(hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, ahead, cost, lp)
                 if value < cost - 1e-9:
                     cost, changed = value, True
                 else:
@@ -269,7 +289,7 @@ def improve(
 @njit(cache=True, nogil=True)
 def drawn(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
-    choice: NDArray[np.int64], margins: Margins, kept: Array, ahead_R: Array, ahead_p: Array, lp: Program,
+    choice: NDArray[np.int64], margins: Margins, ahead: Ahead, lp: Program,
     legal: NDArray[np.int64], counts: NDArray[np.int64], u: Array, at: int,
 ) -> tuple[int, float]:  # fmt: skip
     """The next random choice that holds: (row of u after it, its cost), inf where the numbers run out before; choice out.
@@ -279,12 +299,19 @@ def drawn(
     for row in range(at, len(u)):
         for a in range(len(agents)):
             choice[a] = legal[a, whole(u[row, a] * counts[a])]
-        cost = grasp_cost(
-            hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, kept, ahead_R, ahead_p, np.inf, lp
-        )
+        cost = grasp_cost(hand, path, scan, terms, agents, rest_R, rest_p, choice, margins, ahead, np.inf, lp)
         if cost < np.inf:
             return row + 1, cost
     return len(u), np.inf
+
+
+def nothing_ahead(agents: int, candidates: int, geoms: int) -> Ahead:
+    """An `Ahead` with nothing known yet."""
+    shape = (agents, candidates, LOOKS + 1)
+    return Ahead(
+        np.zeros(shape[:2]), np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros((*shape, geoms, 3, 3)),
+        np.zeros((*shape, geoms, 3)),
+    )  # fmt: skip
 
 
 def find_grasp(
@@ -300,19 +327,15 @@ def find_grasp(
     carried = path.support_mode.shape[1] > 0
     R_WB, p_WB = bodies_along(hand, path)
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
-    kept = np.zeros((len(agents), count))
-    ahead_R, ahead_p = (
-        np.zeros((len(agents), count, LOOKS + 1, geoms, 3, 3)),
-        np.zeros((len(agents), count, LOOKS + 1, geoms, 3)),
-    )
+    ahead = nothing_ahead(len(agents), count, geoms)
     for a, i in enumerate(agents):
-        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, kept[a], ahead_R[a], ahead_p[a])
+        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, a, ahead)
         if not reached and not carried:
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
                 "move the object nearer to its base, or list the agent in start.off",
             )  # fmt: skip
-    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] if carried else []).astype(np.int64) for row in kept]
+    legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] if carried else []).astype(np.int64) for row in ahead.kept]
     if all(len(choices) == 1 for choices in legal) and carried:
         return Failure(
             "reach", "start", "", "no agent reaches a point of the object that is clear of everything",
@@ -340,10 +363,10 @@ def find_grasp(
     fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
     found: dict[tuple[int, ...], float] = {}
     for _ in range(settings.restarts):
-        at, cost = drawn(*fixed, choice, margins, kept, ahead_R, ahead_p, lp, table, counts, u, at)
+        at, cost = drawn(*fixed, choice, margins, ahead, lp, table, counts, u, at)
         if cost == np.inf:
             break
-        cost = improve(*fixed, choice, margins, kept, ahead_R, ahead_p, cost, lp)
+        cost = improve(*fixed, choice, margins, ahead, cost, lp)
         found.setdefault(tuple(choice.tolist()), cost)
     if not found:
         return Failure(

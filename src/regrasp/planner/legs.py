@@ -28,7 +28,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
-STANCES = 3  # grasps that are tried where agents take hold of what supports carry
+STANCES = 6  # grasps that are tried where agents take hold of what supports carry, or have few joints
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
@@ -169,7 +169,7 @@ def without_search(
     keep those contacts.
     """
     stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
-    carried = whole.support_mode.shape[1] > 0
+    carried, short = whole.support_mode.shape[1] > 0, bool(np.any(np.diff(task.hand.chains.start) < 6))
     off = task.off if first == 0 else ()
     failed: Planned | Failure | None = None
     if grasp is not None:
@@ -183,7 +183,7 @@ def without_search(
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances[: STANCES if carried else 1]:
+            for stance in stances[: STANCES if carried or short else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held

@@ -57,7 +57,7 @@ def supports_of(world: World, hand: Hand) -> tuple[Support, ...]:
     """The scene's supports in their order."""
     index = geom_index(world)
     given = zip(world.support_names, world.support_geoms, world.support_friction, strict=True)
-    return tuple(Support(name, index[int(geom)], float(mu)) for name, geom, mu in given)
+    return tuple(Support(name, index[int(geom)][0], float(mu)) for name, geom, mu in given)
 
 
 def facing(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> tuple[float, Array]:

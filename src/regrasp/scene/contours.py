@@ -78,7 +78,7 @@ def _vertices(number: Ints, points: Array, normals: Array, low: Array, spacing: 
     def summed(rows: Array) -> Array:
         flat = rows.reshape(len(rows), -1)
         sums = np.stack([np.bincount(number, column, minlength=count) for column in flat.T], axis=1)
-        return sums.reshape(count, *rows.shape[1:])
+        return np.asarray(sums, float).reshape(count, *rows.shape[1:])
 
     mean = summed(points) / np.bincount(number, minlength=count)[:, None]
     A = summed(normals[:, :, None] * normals[:, None])

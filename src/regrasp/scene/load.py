@@ -93,10 +93,12 @@ def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
 def _placed(scene: Scene, directory: Path) -> Scene:
     """The scene with the files it names counted from the directory."""
 
-    def found(part: Any) -> Any:
-        return part.model_copy(update={"file": str(directory / part.file)})
+    def found(part: Any, **others: Any) -> Any:
+        return part.model_copy(update={"file": str(directory / part.file), **others})
 
-    model = found(scene.model) if isinstance(scene.model, ModelFile) else scene.model
+    model = scene.model
+    if isinstance(model, ModelFile):
+        model = found(model, packages={name: str(directory / folder) for name, folder in model.packages.items()})
     thing = found(scene.object) if isinstance(scene.object, MeshObject) else scene.object
     bodies = tuple(found(body) if body.file else body for body in scene.environment)
     return scene.model_copy(update={"model": model, "object": thing, "environment": bodies})

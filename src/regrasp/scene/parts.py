@@ -9,14 +9,17 @@ Array = NDArray[np.float64]
 LINK_COLOUR = (0.62, 0.66, 0.72, 1.0)
 TIP_COLOUR = (0.25, 0.28, 0.33, 1.0)
 
+WATER = 1000.0  # kg/m³, as printed plastic nearly has
 
-def capsule(body: mujoco.MjsBody, name: str, start: Array, end: Array, radius: float) -> None:
-    """A capsule from `start` to `end` (in the body's frame, m); massless where the body's inertia is given."""
+
+def capsule(body: mujoco.MjsBody, name: str, start: Array, end: Array, radius: float, density: float = WATER) -> None:
+    """A capsule from `start` to `end` (in the body's frame, m), kg/m³; massless where the body's inertia is given."""
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[*start, *end],
         size=[radius, 0, 0],
+        density=density,
         rgba=LINK_COLOUR,
     )
 

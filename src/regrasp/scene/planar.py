@@ -18,7 +18,7 @@ def attach(base: mujoco.MjsBody, name: str, links: Sequence[float], link_radius:
     """Adds the finger to the static body `base`: it stretches along the base's x, positive angles turn it towards z.
 
     Bodies and geoms are named `name`/link1…, joints `name`/joint1…, the tip's geom `name`/tip. The links have the
-    density of water, MuJoCo's default, as printed plastic nearly has.
+    density of water.
     """
     body, before = base, 0.0
     for i, length in enumerate(links):

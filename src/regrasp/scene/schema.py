@@ -1,6 +1,7 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
+import typing
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, Self
 
@@ -160,6 +161,11 @@ class PumaHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(self.fingers))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",) if self.palm else ()
+
 
 class PlanarBase(Strict):
     """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
@@ -189,23 +195,114 @@ class PlanarHand(Strict):
         """The names of the agents this hand offers."""
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ()
 
-class ModelFile(Strict):
-    """A user's own MJCF or URDF file, its world placed at `pose`."""
+
+Four = tuple[JointValue, JointValue, JointValue, JointValue]
+Finger = Literal["index", "middle", "ring", "thumb"]
+
+
+class AllegroHand(Strict):
+    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
+
+    hand: Literal["allegro"]
+    side: Literal["right", "left"] = "right"
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    tip_radius: Length = 0.012
+    home: dict[Finger, Four] = Field(default_factory=dict)
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """The names of the agents this hand offers."""
+        return typing.get_args(Finger)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the hand that may carry the object."""
+        return ("palm",)
+
+
+class OwnModel(Strict):
+    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
+
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Parts of the robot that may carry the object."""
+        return ()
+
+
+class ModelFile(OwnModel):
+    """An MJCF or URDF file. `packages`: folders of the packages that a URDF's package:// paths name."""
 
     file: FileName
+    packages: dict[str, str] = Field(default_factory=dict)
+
+
+class MenagerieModel(OwnModel):
+    """A model of MuJoCo Menagerie: its folder, and its file where the folder holds more than one."""
+
+    menagerie: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]*(/\w[\w.-]*)?$")]
+
+
+class Tip(Strict):
+    """A fingertip that differs from what the robot has: a box of it with rounded edges (`geom`), or a shape.
+
+    The shape is put on the `body` of a model of one's own, at `pose` in its frame, or in the place of a built-in hand's tip.
+    """
+
+    geom: str | None = None
+    body: str | None = None
+    shape: Literal["sphere", "ellipsoid", "capsule", "box"] | None = None
+    size: tuple[Length, ...] = ()
+    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+    @model_validator(mode="after")
+    def _check(self) -> "Tip":
+        if (self.geom is None) == (self.shape is None):
+            raise fault("needs geom or shape, not both", "geom: a box of the model, or shape and size")
+        if self.geom is not None and (self.body is not None or self.size):
+            raise fault("a geom of the model has its place and size", "geom and rounding only")
+        if self.geom is not None and self.rounding == 0.0:
+            raise fault("rounding is missing", "tip: NAME takes the geom as it is")
+        if self.shape is not None:
+            _ = self.solid
+        return self
+
+    @property
+    def solid(self) -> Object:
+        """The shape as a body of water."""
+        assert self.shape is not None
+        return Object(shape=self.shape, size=self.size, rounding=self.rounding, mass=1.0)
+
+
+def _tip_tag(value: Any) -> str:
+    return "tip: shape" if isinstance(value, dict | Tip) else "tip: name"
 
 
 class AgentSpec(Strict):
     """One finger or arm. For a built-in hand only what differs from the hand's own values is written."""
 
     name: Name
-    tip: str | None = None
+    tip: (
+        Annotated[Annotated[str, Tag("tip: name")] | Annotated[Tip, Tag("tip: shape")], Discriminator(_tip_tag)] | None
+    ) = None
     max_force: Force | None = None
     friction: Friction | None = None
     speed: JointSpeed | None = None
     home: tuple[JointValue, ...] | None = None
+
+    @property
+    def tip_name(self) -> str:
+        """What the tip's geom is called in a model of one's own."""
+        if isinstance(self.tip, Tip):
+            return self.tip.geom or f"{self.name}/tip"
+        return self.tip or ""
 
 
 class Contact(Strict):
@@ -232,7 +329,8 @@ def _supports_tag(value: Any) -> str:
 
 def _model_tag(value: Any) -> str | None:
     if isinstance(value, dict):
-        return "model: file" if "file" in value else f"model: {value.get('hand')}"
+        own = next((key for key in ("file", "menagerie") if key in value), None)
+        return f"model: {own or value.get('hand')}"
     return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
 
 
@@ -242,7 +340,13 @@ def _object_tag(value: Any) -> str:
 
 
 # Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {"model: puma": PumaHand, "model: planar": PlanarHand, "model: file": ModelFile}
+MODELS: dict[str, type[Strict]] = {
+    "model: puma": PumaHand,
+    "model: planar": PlanarHand,
+    "model: allegro": AllegroHand,
+    "model: file": ModelFile,
+    "model: menagerie": MenagerieModel,
+}
 OBJECTS: dict[str, type[Strict]] = {"object: solid": Object, "object: union": UnionObject, "object: mesh": MeshObject}
 AnyObject = Annotated[
     Annotated[Object, Tag("object: solid")]
@@ -261,12 +365,16 @@ Supports = Annotated[
 Model = Annotated[
     Annotated[PumaHand, Tag("model: puma")]
     | Annotated[PlanarHand, Tag("model: planar")]
-    | Annotated[ModelFile, Tag("model: file")],
+    | Annotated[AllegroHand, Tag("model: allegro")]
+    | Annotated[ModelFile, Tag("model: file")]
+    | Annotated[MenagerieModel, Tag("model: menagerie")],
     Discriminator(
         _model_tag,
         custom_error_type="scene",
-        custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, or file: robot.xml"},
+        custom_error_message="neither a built-in hand nor a model of your own",
+        custom_error_context={
+            "hint": "legal: hand: puma, hand: planar, hand: allegro, file: robot.urdf, menagerie: wonik_allegro/right_hand"
+        },
     ),
 ]
 
@@ -304,7 +412,7 @@ class Scene(Strict):
     environment: tuple[Environment, ...] = ()
     supports: Supports = ()
     friction: Friction = 0.7
-    max_force: Force = 10.0
+    max_force: Force | None = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     freedoms: Annotated[tuple[Freedom, ...], Field(min_length=1)] = FREEDOMS
     start: Start
@@ -315,15 +423,14 @@ class Scene(Strict):
     @property
     def agent_names(self) -> tuple[str, ...]:
         """The agents that take part, in order: those listed, or every finger of the built-in hand."""
-        if isinstance(self.model, ModelFile) or self.agents:
+        if isinstance(self.model, OwnModel) or self.agents:
             return tuple(agent.name for agent in self.agents)
         return self.model.finger_names
 
     @property
     def support_names(self) -> tuple[str, ...]:
         """What may be named in `supports`: the environment, and the palm of a hand that has one."""
-        palm = ("palm",) if isinstance(self.model, PumaHand) and self.model.palm else ()
-        return tuple(body.name for body in self.environment) + palm
+        return tuple(body.name for body in self.environment) + self.model.surfaces
 
     @property
     def carriers(self) -> tuple[str, ...]:
@@ -345,19 +452,21 @@ def _repeated(names: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 
 def _agent_problems(scene: Scene) -> Iterator[Problem]:
-    if isinstance(scene.model, ModelFile):
+    if isinstance(scene.model, OwnModel):
         if not scene.agents:
             yield "agents", "missing", "a model of your own needs its agents listed: name and tip geom"
         for i, agent in enumerate(scene.agents):
             if agent.tip is None:
                 yield f"agents.{i}.tip", "missing", "the name of the fingertip's geom in the model"
+            elif isinstance(agent.tip, Tip) and agent.tip.shape is not None and agent.tip.body is None:
+                yield f"agents.{i}.tip.body", "missing", "the body of the model that gets this tip"
         return
     fingers = scene.model.finger_names
     for i, agent in enumerate(scene.agents):
         if agent.name not in fingers:
             yield f"agents.{i}.name", f"no finger {agent.name!r}", f"legal: {', '.join(fingers)}"
-        if agent.tip is not None:
-            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out"
+        if agent.tip is not None and not (isinstance(agent.tip, Tip) and agent.tip.shape and agent.tip.body is None):
+            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out, or give shape and size"
 
 
 def _name_problems(scene: Scene) -> Iterator[Problem]:

@@ -10,28 +10,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, fixtures, hands, mjcf
+from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
 from regrasp.scene.grids import Grid
+from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
 from regrasp.scene.matter import Matter, add_to, assets_of, grid_of, matter_of
-from regrasp.scene.schema import Scene
+from regrasp.scene.schema import OwnModel, Scene
+from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
+
+MAX_FORCE = 10.0
+"""Largest normal force of a tip where neither scene nor model says one, N."""
 
 
 @dataclass(frozen=True)
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies: those it moves; geoms: its
-    colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed: rad/s or m/s;
-    home: joint values at rest; max_force: largest normal force, N; friction: coefficient between tip and object.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind, tip_size
+    (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and velocities;
+    bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf where
+    unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction: coefficient
+    between tip and object.
     Arrays are (n,), n the number of joints.
     """
 
     name: str
     tip_geom: int
+    tip_geoms: Ids
+    tip_kind: int
+    tip_size: Array
     tip_body: int
     joints: Ids
     qpos: Ids
@@ -53,6 +63,7 @@ class World:
     xml, assets: the model as text with the files it needs, so that it outlives its sources. object_qpos: address of the
     object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind` and
     `matter.MESH`; matter: all that the object is made of. static_geoms: colliding geoms that cannot move, supports included;
+    fixture_geoms: those of the environment;
     support_names, support_geoms, support_friction: in the order of `scene.carriers`, each convex part of one of its own.
     collision_pairs: geom ids (n, 2) that must never touch.
     """
@@ -69,6 +80,7 @@ class World:
     matter: Matter
     agents: tuple[Agent, ...]
     static_geoms: Ids
+    fixture_geoms: Ids
     support_names: tuple[str, ...]
     support_geoms: Ids
     support_friction: Array
@@ -88,6 +100,17 @@ class World:
     def joint_dofs(self) -> Ids:
         """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
         return np.concatenate([agent.dofs for agent in self.agents])
+
+    @cached_property
+    def repairs(self) -> tuple[str, ...]:
+        """What was put right in a robot of one's own and in the object's mesh, each in a sentence."""
+        return (*robots.repairs(self.model), *(f"the object's mesh: {remark}" for remark in self.matter.remarks))
+
+    @cached_property
+    def links(self) -> Links:
+        """The shapes that planning takes for links that are meshes."""
+        convex = np.concatenate([self.object_geoms, self.fixture_geoms])
+        return links(self.model, self.start, self.collision_pairs, convex)
 
     @cached_property
     def start(self) -> Array:
@@ -122,7 +145,8 @@ def build(scene: Scene) -> World:
     add_to(spec, thing, scene.object, matter_of(scene.object, described))
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
     for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
-        _set_friction(spec.geom(finger.tip), friction)
+        for piece in finger.pieces:
+            _set_friction(spec.geom(piece), friction)
     names = [geom.name for geom in spec.geoms]
     for carrier, friction in zip(scene.carriers, _support_friction(scene), strict=True):
         for name in fixtures.parts(carrier, names):
@@ -167,7 +191,7 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     carried = [(part, mu) for name, mu in zip(scene.carriers, _support_friction(scene), strict=True)
                for part in fixtures.parts(name, names)]  # fmt: skip
     supports = np.array([model.geom(name).id for name, _ in carried], dtype=np.int64)
-    tips = np.array([agent.tip_geom for agent in agents], dtype=np.int64)
+    touching = np.concatenate([agent.tip_geoms for agent in agents])
     matter = matter_of(scene.object, assets)
     return World(
         scene=scene,
@@ -182,19 +206,24 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
         matter=matter,
         agents=agents,
         static_geoms=np.flatnonzero(static),
+        fixture_geoms=np.array(
+            [model.geom(part).id for body in scene.environment for part in fixtures.parts(body.name, names)], np.int64
+        ),
         support_names=tuple(name for name, _ in carried),
         support_geoms=supports,
         support_friction=np.array([mu for _, mu in carried]),
-        collision_pairs=collisions.pairs(model, tips, object_geoms, supports),
+        collision_pairs=collisions.pairs(model, touching, object_geoms, supports),
     )
 
 
 def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
     spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
     field = f"agents.{index}" if scene.agents else "model"
-    tip = model.geom(finger.tip).id
+    pieces = np.array([model.geom(name).id for name in finger.pieces], dtype=np.int64)
+    tip = int(pieces[0])
     if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
         raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")
+    kind, size = tips.surface(model, pieces, f"{field}.tip")
     chain = [int(model.geom_bodyid[tip])]
     while model.body_parentid[chain[-1]]:
         chain.append(int(model.body_parentid[chain[-1]]))
@@ -214,9 +243,16 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     for i in np.flatnonzero((home < lower) | (home > upper)):
         reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
         raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
+    qpos = model.qpos0.copy()
+    qpos[model.jnt_qposadr[joints]] = home
+    own = isinstance(scene.model, OwnModel)
+    strength = normal_force(model, qpos, joints, tip, friction) if own else None
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
+        tip_geoms=pieces,
+        tip_kind=kind,
+        tip_size=size,
         tip_body=chain[0],
         joints=joints,
         qpos=model.jnt_qposadr[joints].astype(np.int64),
@@ -225,8 +261,10 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         geoms=np.flatnonzero(moved[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))),
         lower=lower,
         upper=upper,
-        speed=np.broadcast_to(finger.speed, len(joints)).copy(),
+        speed=robots.speeds(model, joints)
+        if finger.speed is None
+        else np.broadcast_to(finger.speed, len(joints)).copy(),
         home=np.array(home, dtype=float),
-        max_force=(spec.max_force if spec else None) or scene.max_force,
+        max_force=(spec.max_force if spec else None) or scene.max_force or strength or MAX_FORCE,
         friction=friction,
     )

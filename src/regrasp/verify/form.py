@@ -79,14 +79,14 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     The robot itself is what the stored model says.
     """
     scene, model = world.scene, world.model
-    stored = [model.geom_friction[agent.tip_geom, 0] for agent in world.agents]
+    stored = [model.geom_friction[g, 0] for agent in world.agents for g in agent.tip_geoms]
     stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity]
     stored += [model.body_mass[world.object_body], *model.body_ipos[world.object_body]]
-    said = [agent.friction for agent in world.agents]
+    said = [agent.friction for agent in world.agents for _ in agent.tip_geoms]
     matter = matter_of(scene.object, world.assets)
     said += [*world.support_friction, *scene.gravity, matter.mass, *matter.centre]
     differences = [np.abs(np.subtract(stored, said)).max()]
-    for ours, theirs in ((world.object_geoms, _object(world, matter)), (_ids(world), _environment(world))):
+    for ours, theirs in ((world.object_geoms, _object(world, matter)), (world.fixture_geoms, _environment(world))):
         for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):
             a, b = getattr(model, name)[ours], getattr(theirs, name)
             if name == "geom_size" and len(a) == len(b):
@@ -179,11 +179,6 @@ def _angle(a: Array, b: Array) -> Array:
         b.reshape(-1, 4), scalar_first=True
     )
     return np.asarray(turn.magnitude()).reshape(a.shape[:-1])
-
-
-def _ids(world: World) -> list[int]:
-    names = [world.model.geom(g).name for g in range(world.model.ngeom)]
-    return [world.model.geom(part).id for body in world.scene.environment for part in fixtures.parts(body.name, names)]
 
 
 def _object(world: World, matter: Matter) -> mujoco.MjModel:

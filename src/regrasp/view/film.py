@@ -14,6 +14,7 @@ from PIL import Image
 from regrasp.control.reference import Phases, reference
 from regrasp.errors import InputError
 from regrasp.plan import Plan
+from regrasp.processors import available
 from regrasp.scene.world import World, from_plan
 from regrasp.verify.execution import Execution
 from regrasp.verify.physics import PERIOD
@@ -119,7 +120,7 @@ def clip(film: Film, path: str | os.PathLike[str], speed: float | None = None, c
     rows = ticks(film.run, speed)
     camera = replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT)
     film = replace(film, show=replace(film.show, camera=camera, stage=replace(film.show.stage, subrays=2)))
-    workers = min(cores or os.cpu_count() or 1, len(rows))
+    workers = min(cores or available(), len(rows))
     shares = [rows[first::workers] for first in range(workers)]
     if workers == 1:
         done = [_pictures(film, rows, speed)]

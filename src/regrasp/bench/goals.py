@@ -1,0 +1,112 @@
+"""Random goals of an object held in three fingertips: how many are planned and certified, how fast, why the others are not."""
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.spatial.transform import Rotation
+
+from regrasp.bench.kernels import compile_kernels, print_reasons, say
+from regrasp.planner.method import plan_scene
+from regrasp.planner.task import Settings
+from regrasp.scene.load import validate
+from regrasp.scene.schema import Scene
+from regrasp.settings import read
+from regrasp.verify.check import check
+
+Array = NDArray[np.float64]
+
+OBJECTS: dict[str, dict[str, Any]] = {
+    "cube": {"shape": "box", "size": [0.025, 0.025, 0.025], "rounding": 0.004, "mass": 0.05},
+    "ellipsoid": {"shape": "ellipsoid", "size": [0.035, 0.025, 0.025], "mass": 0.05},
+    "cylinder": {"shape": "cylinder", "size": [0.025, 0.03], "rounding": 0.004, "mass": 0.05},
+}
+HOLD = ("index", "middle", "thumb")
+START = (0.055, -0.01, 0.075)
+"""Where the object starts over the palm, m: in the middle of what the tips of all fingers reach."""
+FAR, TURNED = 0.02, np.radians(60.0)
+"""m, along each axis, and rad: the farthest goal."""
+TOLERANCE = {"position": 0.001, "rotation": float(np.radians(1.0))}
+LIMIT = 2.0
+"""s that a goal is planned in."""
+MARK = 0.9
+"""Part of the goals of each object to be certified."""
+
+
+def draw(count: int, rng: np.random.Generator) -> list[tuple[Array, Array]]:
+    """Shifts (3,), uniform in the cube ±FAR, and rotation vectors (3,): any axis, an angle up to TURNED."""
+    axes = rng.normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return list(zip(rng.uniform(-FAR, FAR, (count, 3)), rng.uniform(0.0, TURNED, (count, 1)) * axes, strict=True))
+
+
+def scene_of(name: str, shift: Array, turn: Array) -> Scene:
+    """The object over the palm of the Allegro hand, to be moved by a shift and a rotation vector, without friction to spare."""
+    quaternion = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
+    return validate({
+        "name": f"goals-{name}",
+        "model": {"hand": "allegro"},
+        "object": OBJECTS[name],
+        "agents": [{"name": finger} for finger in HOLD],
+        "max_force": 5.0,
+        "start": {"pose": {"position": list(START)}},
+        "goal": {
+            "pose": {"position": (np.array(START) + shift).tolist(), "quaternion": quaternion.tolist()},
+            "tolerance": TOLERANCE,
+        },
+    })  # fmt: skip
+
+
+def goals(seeds: int) -> dict[str, Any]:
+    """`seeds` random goals for every object, planned with default settings in LIMIT s, and checked.
+
+    Passed if MARK of the goals of every object are certified.
+    """
+    compile_kernels()
+    rows = [row_of(name, seeds) for name in OBJECTS]
+    title = f"{seeds} random goals per object, three fingertips, {LIMIT:g} s each"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("object", "planned", "certified", "median s", "90 % s"):
+        table.add_column(heading, justify="left" if heading == "object" else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row["scene"], str(row["planned"]), str(row["certified"]), f"{row['seconds']:.2f}", f"{row['most_seconds']:.2f}"
+        )  # fmt: skip
+    console = Console()
+    console.print(table)
+    print_reasons(console, rows)
+    return {"passed": all(row["certified"] >= MARK * seeds for row in rows), "goals": seeds, "objects": rows}
+
+
+def row_of(name: str, count: int) -> dict[str, Any]:
+    """One object: how many of its goals are planned and certified; seconds: median and ninth tenth of all, planned or not."""
+    seconds, planned, certified, reasons = [], 0, 0, []
+    for number, (shift, turn) in enumerate(draw(count, np.random.default_rng(0))):
+        scene = scene_of(name, shift, turn)
+        settings = dataclasses.replace(read(Settings, scene.planner), time_limit=LIMIT)
+        started = time.perf_counter()
+        outcome = plan_scene(scene, 0, settings)
+        seconds.append(time.perf_counter() - started)
+        reason = ""
+        if outcome.plan is None or outcome.failure:
+            reason = f"no plan: {outcome.failure}"
+        else:
+            planned += 1
+            if refusals := check(outcome.plan).refusals:
+                reason = "; ".join(f"refused: {finding}" for finding in refusals)
+        certified += not reason
+        say(f"{name}, goal {number}: {reason or 'certified'}, {seconds[-1]:.2f} s")
+        if reason:
+            reasons.append(f"goal {number}: {reason}")
+    return {
+        "scene": name,
+        "planned": planned,
+        "certified": certified,
+        "seconds": float(np.median(seconds)),
+        "most_seconds": float(np.quantile(seconds, 0.9)),
+        "reasons": reasons,
+    }
