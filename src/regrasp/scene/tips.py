@@ -54,12 +54,13 @@ def surface(model: mujoco.MjModel, geoms: Ids, field: str) -> tuple[int, Array]:
 
 def reshape(spec: mujoco.MjSpec, name: str, tip: Tip) -> None:
     """Puts the shape of `tip` in the place of the geom `name`, which is gone; its pose counts from that geom's frame."""
-    old = spec.geom(name)
-    turned = np.empty(3)
-    mujoco.mju_rotVecQuat(turned, tip.pose.p, old.quat)
-    body, p, quat, solid = old.parent, old.pos + turned, multiply(old.quat, tip.pose.wxyz), _collision(old)
+    placed = spec.compile().geom(name)
+    old, turned = spec.geom(name), np.empty(3)
+    mujoco.mju_rotVecQuat(turned, tip.pose.p, placed.quat)
+    body = old.parent
+    solid = {"contype": old.contype, "conaffinity": old.conaffinity, "friction": old.friction}
     spec.delete(old)
-    _add(body, name, tip.solid, p, quat, solid)
+    _add(body, name, tip.solid, placed.pos + turned, multiply(placed.quat, tip.pose.wxyz), solid)
 
 
 def give(robot: mujoco.MjSpec, field: str, name: str, tip: Tip) -> list[str]:
@@ -84,10 +85,6 @@ def give(robot: mujoco.MjSpec, field: str, name: str, tip: Tip) -> list[str]:
         )
     reshape(robot, tip.geom, Tip(shape="box", size=tuple(box.size.tolist()), rounding=tip.rounding))
     return [*said, f"tip {tip.geom!r} has its edges rounded by {1e3 * tip.rounding:g} mm"]
-
-
-def _collision(geom: mujoco.MjsGeom) -> dict[str, object]:
-    return {"contype": geom.contype, "conaffinity": geom.conaffinity, "friction": geom.friction}
 
 
 def _add(

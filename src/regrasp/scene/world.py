@@ -29,9 +29,9 @@ MAX_FORCE = 10.0
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind, tip_size
-    (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and velocities;
-    bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf where
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind, tip_size:
+    its surface and sizes (4,), see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
+    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf where
     unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction: coefficient
     between tip and object.
     Arrays are (n,), n the number of joints.
