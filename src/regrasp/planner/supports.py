@@ -56,7 +56,7 @@ class Touches:
 def supports_of(world: World, hand: Hand) -> tuple[Support, ...]:
     """The scene's supports in their order."""
     index = geom_index(world)
-    given = zip(world.scene.carriers, world.support_geoms, world.support_friction, strict=True)
+    given = zip(world.support_names, world.support_geoms, world.support_friction, strict=True)
     return tuple(Support(name, index[int(geom)][0], float(mu)) for name, geom, mu in given)
 
 

@@ -1,31 +1,44 @@
-"""What is dear to make and follows from its input alone, kept on disk between runs under a hash of that input."""
+"""What is dear to compute from a mesh is kept on disk, under the hash of all that it was computed from."""
 
 import contextlib
 import hashlib
-import json
 import os
-from collections.abc import Callable
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = Mapping[str, NDArray[Any]]
+
+VERSION = 1  # of what is kept: another number forgets it all
+
 
 def folder() -> Path:
-    """The user's cache of regrasp, below XDG_CACHE_HOME or ~/.cache."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regrasp"
+    """The user's cache directory for regrasp, as the platform has it."""
+    home = Path("~/Library/Caches" if sys.platform == "darwin" else "~/.cache").expanduser()
+    return Path(os.environ.get("XDG_CACHE_HOME") or home) / "regrasp"
 
 
-def kept(kind: str, content: bytes, make: Callable[[], Any]) -> Any:
-    """`make()`, plain data for JSON, or what it gave before for the same content and kind.
+def kept(kind: str, made_from: Arrays, make: Callable[[], Arrays]) -> Arrays:
+    """The arrays that `make` computes from the arrays `made_from`, from disk where they have been computed before.
 
-    `kind` names what is made and by which version of the method. A cache that cannot be read or written is none.
+    A cache that can be neither read nor written is no error.
     """
-    path = folder() / kind / f"{hashlib.sha256(content).hexdigest()}.json"
-    with contextlib.suppress(OSError, ValueError):
-        return json.loads(path.read_text(encoding="utf-8"))
-    made = make()
+    digest = hashlib.sha256(f"{kind} {VERSION}".encode())
+    for name, array in sorted(made_from.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    path = folder() / f"{kind}-{digest.hexdigest()[:32]}.npz"
+    with contextlib.suppress(OSError, ValueError, EOFError, zipfile.BadZipFile), np.load(path) as archive:
+        return dict(archive)
+    arrays = make()
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        whole = path.with_suffix(f".{os.getpid()}")  # another process may write or read the same one
-        whole.write_text(json.dumps(made), encoding="utf-8")
-        whole.replace(path)
-    return made
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        Path(file.name).replace(path)
+    return arrays

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.scene import cache, collisions, fits
-from regrasp.scene.fits import Primitive
+from regrasp.scene.fits import KINDS, Primitive
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 Part = tuple[int, int]
 """Geom id and which of its primitives."""
 
-KIND = "links-1"
-"""Of the cache: the number changes with the method of `fits.enclosing`."""
 CLOSE = 3e-3
 """Primitives nearer than this at rest, m, could never keep the clearance that planning asks for."""
 
@@ -36,11 +34,14 @@ class Links:
     crowded: tuple[str, ...]
 
 
-def links(model: mujoco.MjModel, rest: Array, pairs: Ids, object_geoms: Ids) -> Links:
-    """The mesh links of a world at rest, `rest` its qpos; pairs (n, 2): geoms that must never touch."""
+def links(model: mujoco.MjModel, rest: Array, pairs: Ids, convex: Ids) -> Links:
+    """The mesh links of a world at rest, `rest` its qpos; pairs (n, 2): geoms that must never touch.
+
+    convex: geoms that are what they are, meshes or not.
+    """
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     meshes = np.flatnonzero(solid & (model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH)))
-    shapes = {int(g): enclosing(collisions.vertices(model, int(g))) for g in meshes if g not in object_geoms}
+    shapes = {int(g): enclosing(collisions.vertices(model, int(g))) for g in meshes if g not in convex}
     if not shapes:
         return Links({}, frozenset(), (), ())
     data = mujoco.MjData(model)
@@ -53,7 +54,7 @@ def links(model: mujoco.MjModel, rest: Array, pairs: Ids, object_geoms: Ids) -> 
     said: list[str] = []
     crowded: list[str] = []
     for g, h in pairs:
-        if not {int(g), int(h)} & shapes.keys() or {int(g), int(h)} & {int(o) for o in object_geoms}:
+        if not {int(g), int(h)} & shapes.keys() or {int(g), int(h)} & {int(o) for o in convex}:
             continue
         close = [
             (a, b)
@@ -76,12 +77,18 @@ def links(model: mujoco.MjModel, rest: Array, pairs: Ids, object_geoms: Ids) -> 
 def enclosing(vertices: Array) -> tuple[Primitive, ...]:
     """`fits.enclosing`, kept on disk."""
 
-    def make() -> list[dict[str, object]]:
-        fitted = fits.enclosing(vertices)
-        return [{"kind": p.kind, "size": p.size.tolist(), "R": p.R.tolist(), "p": p.p.tolist()} for p in fitted]
+    def make() -> dict[str, NDArray[np.generic]]:
+        found = fits.enclosing(vertices)
+        return {
+            "kind": np.array([KINDS.index(each.kind) for each in found]),
+            "size": np.array([each.size for each in found]),
+            "R": np.array([each.R for each in found]),
+            "p": np.array([each.p for each in found]),
+        }
 
-    rows = cache.kept(KIND, np.ascontiguousarray(vertices).tobytes(), make)
-    return tuple(Primitive(row["kind"], np.array(row["size"]), np.array(row["R"]), np.array(row["p"])) for row in rows)
+    found = cache.kept("link", {"vertices": vertices}, make)
+    rows = zip(*(found[key] for key in ("kind", "size", "R", "p")), strict=True)
+    return tuple(Primitive(KINDS[int(kind)], size, R, p) for kind, size, R, p in rows)
 
 
 def _stage(

@@ -107,7 +107,7 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     points, normals = fine(plan.support_p_O, motion.K), unit(fine(plan.support_n_W, motion.K))
     used = plan.support_mode != NONE
     for j, p in zip(*np.nonzero(used), strict=True):
-        at = world.scene.carriers.index(plan.support_names[p])
+        at = world.support_names.index(plan.support_names[p])
         bodies = (world.support_geoms[at : at + 1], world.object_geoms)
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
