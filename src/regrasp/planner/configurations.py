@@ -21,7 +21,8 @@ from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free, under
+from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -236,7 +237,7 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 @njit(cache=True, nogil=True)
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
-    _, slope = field(hand.kind_O, hand.size_O, p_O)
+    _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 

@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from mujoco import mjtGeom
 from numpy.typing import NDArray
 
-from regrasp.errors import InputError
 from regrasp.kernels.chains import SLIDE, Chains
 from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
+from regrasp.kernels.grids import NO_GRIDS, Grids
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
 from regrasp.kernels.surfaces import CAPSULE, SPHERE
@@ -19,7 +18,7 @@ from regrasp.kernels.wrist import Wrists, wrists_of
 from regrasp.planner.arrays import chains_from, geoms_from
 from regrasp.scene.links import Part
 from regrasp.scene.schema import FREEDOMS
-from regrasp.scene.world import World
+from regrasp.scene.world import Agent, World
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,7 +35,8 @@ class Hand(Record):
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
     tip_geom (k,), object_geom: indices into geoms.
-    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
+    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`), meshes among them
+    on the grids.
     needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes of W along
     and about which disturbances act, 0 for those that would lead out of the scene's plane.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
@@ -56,6 +56,7 @@ class Hand(Record):
     size_O: Array
     kind_T: Ints
     size_T: Array
+    grids: Grids
     needed: int
     shifts: Array
     turns: Array
@@ -75,33 +76,42 @@ def parts_of(world: World, geoms: Ints) -> list[Part]:
 
 
 def geom_index(world: World) -> dict[int, list[int]]:
-    """Where the bodies of each colliding geom of the model stand in Hand.geoms; all geoms of the object are one there."""
-    ids = np.concatenate([*(agent.geoms for agent in world.agents), world.static_geoms])
+    """Where the bodies of each colliding geom of the model stand in Hand.geoms; all geoms of a tip, and of the
+    object, are one there."""
     index: dict[int, list[int]] = {}
-    for row, (geom, _) in enumerate(parts_of(world, ids)):
+    for row, (geom, _) in enumerate(
+        parts_of(world, np.concatenate([*map(solids_of, world.agents), world.static_geoms]))
+    ):
         index.setdefault(geom, []).append(row)
     last = sum(map(len, index.values()))
-    return index | {int(g): [last] for g in world.object_geoms}
+    tips = {int(g): index[agent.tip_geom] for agent in world.agents for g in agent.tip_geoms}
+    return index | tips | {int(g): [last] for g in world.object_geoms}
+
+
+def solids_of(agent: Agent) -> Ints:
+    """The geoms of an agent, its tip counted once, however many it is made of."""
+    return np.setdiff1d(agent.geoms, agent.tip_geoms[1:])
 
 
 def hand_of(world: World) -> Hand:
     """The kernel arrays of a world.
 
-    Raises InputError where a body has no kernel: for a tip that is not a sphere, and as `arrays` says.
+    Raises InputError where a body has no kernel, as `arrays` says.
     """
     model, agents = world.model, world.agents
-    for agent in agents:
-        if model.geom_type[agent.tip_geom] != mjtGeom.mjGEOM_SPHERE:
-            raise InputError(f"agents.{agent.name}.tip", "is not a sphere", "a sphere geom at the end of the finger")
     joints = [agent.joints.tolist() for agent in agents]
     index = geom_index(world)
-    parts = parts_of(world, np.array([geom for geom in index if geom not in world.object_geoms], np.int64))
+    parts = parts_of(world, np.concatenate([*map(solids_of, agents), world.static_geoms]))
     chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
     # Between two samples a plan's spline passes their joint values by a little.
     chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
     bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes)
+    tips = [index[agent.tip_geom][0] for agent in agents]
+    for row, agent in zip(tips, agents, strict=True):
+        bodies.kind[row], bodies.core[row], bodies.radius[row] = core_of(agent.tip_kind, agent.tip_size)
+        bodies.bound[row] = bounding_radius(agent.tip_kind, agent.tip_size)
     geoms = with_object(bodies, world.object_kind, world.object_size)
-    starts = np.cumsum([0, *(len(parts_of(world, agent.geoms)) for agent in agents)])
+    starts = np.cumsum([0, *(len(parts_of(world, solids_of(agent))) for agent in agents)])
     spared = {(index[g][i], index[h][j]) for (g, i), (h, j) in world.links.spared}
     apart = {(a, b) for g, h in world.collision_pairs for a in index[int(g)] for b in index[int(h)]} - spared
     pairs, block = blocks(sorted(apart), geoms.agent, len(agents))
@@ -122,12 +132,13 @@ def hand_of(world: World) -> Hand:
         geom_start=starts.astype(np.int64),
         pairs=pairs,
         block=block,
-        tip_geom=np.array([index[agent.tip_geom][0] for agent in agents], np.int64),
+        tip_geom=np.array(tips, np.int64),
         object_geom=len(parts),
         kind_O=world.object_kind,
         size_O=world.object_size,
-        kind_T=np.full(len(agents), SPHERE, np.int64),
-        size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
+        kind_T=np.array([agent.tip_kind for agent in agents], np.int64),
+        size_T=np.array([agent.tip_size for agent in agents]),
+        grids=NO_GRIDS,
         needed=needed,
         shifts=np.array([float(axis in free) for axis in ("x", "y", "z")]),
         turns=np.array([float(axis in free) for axis in ("rx", "ry", "rz")]),
@@ -184,8 +195,8 @@ def blocks(pairs: list[tuple[int, int]], owner: Ints, k: int) -> tuple[Ints, Int
     return np.array(flat, np.int64).reshape(-1, 2), block
 
 
-def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
-    """The geoms with the object appended as one convex core with a radius (its rounding)."""
+def core_of(kind: int, size: Array) -> tuple[int, Array, float]:
+    """Kind, half extents and radius (its rounding) of the convex core of a surface."""
     edge = size[3]
     core, radius = {
         SPHERE: (np.zeros(3), size[0]),
@@ -197,6 +208,12 @@ def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
     code = {
         SPHERE: POINT, ELLIPSOID_SURFACE: ELLIPSOID, CAPSULE: SEGMENT, CYLINDER_SURFACE: CYLINDER, BOX_SURFACE: BOX,
     }[kind]  # fmt: skip
+    return code, core, float(radius)
+
+
+def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
+    """The geoms with the object appended as one convex core with a radius."""
+    code, core, radius = core_of(kind, size)
     return Geoms(
         kind=np.append(geoms.kind, code),
         core=np.vstack([geoms.core, core]),

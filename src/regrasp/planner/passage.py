@@ -14,7 +14,8 @@ from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
-from regrasp.planner.scan import tool_direction, touch_down, under
+from regrasp.planner.scan import tool_direction, touch_down
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,7 +45,7 @@ def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
         middle = d * np.sqrt(np.sum(a * a))
     else:
         middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
-    project(hand.kind_O, hand.size_O, middle, p, n)
+    project(hand.kind_O, hand.size_O, hand.grids, middle, p, n)
 
 
 @njit(cache=True, nogil=True)

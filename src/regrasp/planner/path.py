@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
+from regrasp.kernels.surfaces import MESH
 from regrasp.planner.hand import Hand
 from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, on_surface, patches_along
 from regrasp.planner.turns import angle, from_rotvec, rotvec
@@ -76,7 +77,7 @@ def nominal_path(
     g = float(np.linalg.norm(gravity))
     up_W = -gravity / g if g > 0.0 else np.zeros(3)
     up_O = np.einsum("jsba,b->jsa", R, up_W)
-    radius = float(np.max(hand.size_O[:3]))
+    radius = hand.radius if hand.kind_O == MESH else float(np.max(hand.size_O[:3]))
     touches = patches_along(hand, supports, R_WO, p_WO)
     of, slot = np.nonzero(np.any(touches.present, axis=0))
     present, p_W = touches.present[:, of, slot][index], touches.p_W[:, of, slot][index]

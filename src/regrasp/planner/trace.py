@@ -5,13 +5,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.contact import advance
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, place, place_agent, tip_hits
 from regrasp.planner.configurations import Configurations
-from regrasp.planner.follow import is_full, reach_tip, short_step
+from regrasp.planner.follow import is_full, reach_tip, roll, short_step
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, is_sliding, slide_direction, whole
 from regrasp.planner.passage import free_motion
@@ -37,18 +36,18 @@ def trace_contact(
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     step = command / m
-    project(hand.kind_O, hand.size_O, p_OC[0], foot, n_O[0])
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC[0], foot, n_O[0])
     tangents(n_O[0], x_O[0], y)
     fine = True
     for s in range(m):
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
-            advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1),
-                p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
-            )  # fmt: skip
-            if not reach_tip(
-                hand, path, j, s + 1, i, q[s], p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
+            kept = roll(hand, i, step, whole(1), p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1])
+            if (
+                not reach_tip(
+                    hand, path, j, s + 1, i, q[s], p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
+                )
+                or not kept
             ):
                 fine = False
         elif not short_step(
@@ -56,7 +55,7 @@ def trace_contact(
             p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL,
         ):  # fmt: skip
             fine = False
-        project(hand.kind_O, hand.size_O, p_OC[s + 1], foot, n_O[s + 1])
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC[s + 1], foot, n_O[s + 1])
     return fine
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, fits, menagerie, models
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.load import load
 from regrasp.scene.models import Robot
 from regrasp.scene.reach import nearest
-from regrasp.scene.schema import OwnModel
 from regrasp.scene.world import World, build
 
 LOOSE = 1.5

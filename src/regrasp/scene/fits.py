@@ -84,9 +84,9 @@ def surface(primitive: Primitive) -> Array:
         local = signs * primitive.size
     elif primitive.kind == "cylinder":
         radius, half, _ = primitive.size
-        turn = 2 * np.pi * np.arange(64) / 64
-        rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(64, half)], axis=1)
-        local = np.concatenate([rim, rim * [1.0, 1.0, -1.0]])
+        around = 2 * np.pi * np.arange(64) / 64
+        rim = np.stack([radius * np.cos(around), radius * np.sin(around), np.full(64, half)], axis=1)
+        local = np.concatenate([rim, rim * np.array([1.0, 1.0, -1.0])])
     else:
         i = np.arange(300) + 0.5
         z, angle = 1 - 2 * i / 300, np.pi * (1 + math.sqrt(5)) * i

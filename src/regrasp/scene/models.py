@@ -9,8 +9,8 @@ from pydantic.fields import FieldInfo
 
 from regrasp.errors import InputError
 from regrasp.scene import assets, inertia, menagerie, urdf
+from regrasp.scene.forms import MODELS, MenagerieModel, ModelFile, OwnModel
 from regrasp.scene.pose import Pose
-from regrasp.scene.schema import MODELS, MenagerieModel, ModelFile, OwnModel
 
 
 @dataclass(frozen=True)

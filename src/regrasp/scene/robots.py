@@ -5,9 +5,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, ends, models
+from regrasp.scene import collisions, ends, models, tips
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.pose import multiply
-from regrasp.scene.schema import OwnModel, Scene
+from regrasp.scene.schema import Scene, Tip
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,10 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
     if robot.equalities:
         raise InputError("model", "the model has equality constraints", "agents are open chains of hinges and slides")
     for i, agent in enumerate(scene.agents):
-        repairs += ends.prepare(robot, f"agents.{i}.tip", agent.tip or "")
+        if isinstance(agent.tip, Tip):
+            repairs += tips.give(robot, f"agents.{i}.tip", agent.tip_name, agent.tip)
+        else:
+            repairs += ends.prepare(robot, f"agents.{i}.tip", agent.tip_name)
     robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
     moving = [joint for chain in chains for joint in chain]
@@ -71,7 +75,7 @@ def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
     for i, agent in enumerate(scene.agents):
         field = f"agents.{i}.tip"
         joints: list[mujoco.MjsJoint] = []
-        body = robot.geom(agent.tip).parent
+        body = robot.geom(agent.tip_name).parent
         while body.id != 0:
             for joint in reversed(list(body.joints)):
                 if joint.type == mujoco.mjtJoint.mjJNT_FREE:
@@ -85,7 +89,7 @@ def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
                 joints.append(joint)
             body = body.parent
         if not joints:
-            raise InputError(field, f"no joint moves {agent.tip!r}", "the tip is at the end of a chain of joints")
+            raise InputError(field, f"no joint moves {agent.tip_name!r}", "the tip is at the end of a chain of joints")
         chains.append(joints[::-1])
     return chains
 

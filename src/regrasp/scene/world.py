@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, hands, mjcf, robots, solids
+from regrasp.scene import collisions, hands, mjcf, robots, solids, tips
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
-from regrasp.scene.schema import Environment, OwnModel, Scene
+from regrasp.scene.schema import Environment, Scene
 from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
@@ -28,14 +29,18 @@ ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies: those it moves; geoms: its
-    colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed: rad/s or m/s;
-    home: joint values at rest; max_force: largest normal force, N; friction: coefficient between tip and object.
-    Arrays are (n,), n the number of joints.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
+    tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
+    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
+    coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str
     tip_geom: int
+    tip_geoms: Ids
+    tip_kind: int
+    tip_size: Array
     tip_body: int
     joints: Ids
     qpos: Ids
@@ -127,7 +132,8 @@ def build(scene: Scene) -> World:
     solids.add_geoms(thing, scene.object)
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
     for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
-        _set_friction(spec.geom(finger.tip), friction)
+        for piece in finger.pieces:
+            _set_friction(spec.geom(piece), friction)
     for name, friction in zip(scene.carriers, _support_friction(scene), strict=True):
         _set_friction(spec.geom(name), friction)
     try:
@@ -175,7 +181,7 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     object_body = model.body("object").id
     object_geoms = np.flatnonzero(model.geom_bodyid == object_body)
     supports = np.array([model.geom(name).id for name in scene.carriers], dtype=np.int64)
-    tips = np.array([agent.tip_geom for agent in agents], dtype=np.int64)
+    touching = np.concatenate([agent.tip_geoms for agent in agents])
     kind, size = solids.kind(scene.object)
     return World(
         scene=scene,
@@ -191,16 +197,18 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
         static_geoms=np.flatnonzero(static),
         support_geoms=supports,
         support_friction=np.array(_support_friction(scene)),
-        collision_pairs=collisions.pairs(model, tips, object_geoms, supports),
+        collision_pairs=collisions.pairs(model, touching, object_geoms, supports),
     )
 
 
 def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
     spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
     field = f"agents.{index}" if scene.agents else "model"
-    tip = model.geom(finger.tip).id
+    pieces = np.array([model.geom(name).id for name in finger.pieces], dtype=np.int64)
+    tip = int(pieces[0])
     if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
         raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")
+    kind, size = tips.surface(model, pieces, f"{field}.tip")
     chain = [int(model.geom_bodyid[tip])]
     while model.body_parentid[chain[-1]]:
         chain.append(int(model.body_parentid[chain[-1]]))
@@ -227,6 +235,9 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
+        tip_geoms=pieces,
+        tip_kind=kind,
+        tip_size=size,
         tip_body=chain[0],
         joints=joints,
         qpos=model.jnt_qposadr[joints].astype(np.int64),

@@ -1,6 +1,7 @@
 """Contacts and clearances measured with MuJoCo's distances."""
 
 import copy
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -59,7 +60,7 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     data = mujoco.MjData(world.model)
     n_stated = unit(fine(plan.n_O, motion.K))
     for j in range(N):
-        agents = [(a, world.agents[a].tip_geom) for a in np.flatnonzero(touching(plan)[j])]
+        agents = [(a, world.agents[a].tip_geoms) for a in np.flatnonzero(touching(plan)[j])]
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
             R_WO, p_WO = motion.R_WO[j, s], motion.p_WO[j, s]
@@ -113,7 +114,7 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
             p_W = motion.p_WO[j, s] + motion.R_WO[j, s] @ points[j, s, p]
             for side, outward in enumerate((normals[j, s, p], -normals[j, s, p])):
                 data.geom_xpos[probe] = p_W + BACKOFF * outward
-                _, nearest, n_W, _ = _nearest(model, data, bodies[side], probe)
+                _, nearest, n_W, _ = _nearest(model, data, bodies[side], np.array([probe]))
                 offset[j, s, p, side] = np.linalg.norm(nearest - p_W)
                 angle[j, s, p, side] = _angle(n_W, outward)
     length = np.abs(np.linalg.norm(plan.support_n_W, axis=-1) - 1.0)
@@ -136,7 +137,8 @@ def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding
     always = np.array([*world.collision_pairs, *supports], dtype=np.int64).reshape(-1, 2)
     depth, pair, when = 0.0, (-1, -1), (0, 0)
     for j in range(motion.time.shape[0]):
-        free = [agent.tip_geom for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch]
+        free = [g for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch
+                for g in agent.tip_geoms]  # fmt: skip
         pairs = np.array([*always, *((tip, g) for tip in free for g in world.object_geoms)], dtype=np.int64).reshape(
             -1, 2
         )
@@ -151,11 +153,11 @@ def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding
     return [Finding("penetration", "depth of any two bodies that must not touch", depth, TOUCH, "m", *where)]
 
 
-def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ids, tip: int) -> tuple[float, Array, Array, int]:
-    """Distance of `tip` from the union of `geoms`, nearest point on it, direction from there to the tip, its geom."""
+def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ids, tip: Ids) -> tuple[float, Array, Array, int]:
+    """Distance of the union `tip` from the union `geoms`, nearest point on that, direction from there to the tip, its geom."""
     least, fromto, best, nearest = FAR, np.zeros(6), np.full(6, np.nan), -1
-    for geom in geoms:
-        distance = mujoco.mj_geomDistance(model, data, geom, tip, FAR, fromto)
+    for geom, piece in itertools.product(geoms, tip):
+        distance = mujoco.mj_geomDistance(model, data, geom, piece, FAR, fromto)
         if distance < least:
             least, best, nearest = distance, fromto.copy(), geom
     return least, best[:3], unit(best[3:] - best[:3]), nearest

@@ -79,10 +79,10 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     The robot itself is what the stored model says.
     """
     scene, model = world.scene, world.model
-    stored = [model.geom_friction[agent.tip_geom, 0] for agent in world.agents]
+    stored = [model.geom_friction[g, 0] for agent in world.agents for g in agent.tip_geoms]
     stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity]
     stored += [model.body_mass[world.object_body], *model.body_ipos[world.object_body]]
-    said = [agent.friction for agent in world.agents]
+    said = [agent.friction for agent in world.agents for _ in agent.tip_geoms]
     said += [*world.support_friction, *scene.gravity, scene.object.mass, 0.0, 0.0, 0.0]
     differences = [np.abs(np.subtract(stored, said)).max()]
     for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
