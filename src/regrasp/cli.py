@@ -370,6 +370,24 @@ def _models(arguments: list[str]) -> Answer:
     return DONE, {"hands": models.hands(), "menagerie": list(menagerie.names()), "root": menagerie.root()}
 
 
+def _doctor(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(model: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|MODEL")]) -> str:
+        """Read the command line.
+
+        Args:
+            model: A scene (built-in name or path), or a robot: path of an MJCF or URDF file, name in the menagerie.
+        """
+        return model
+
+    name = _parse(request, "doctor", arguments)
+    from regrasp.scene.doctor import examine
+
+    diagnosis = examine(name)
+    return (DONE if diagnosis.healthy else REFUSED), {"examined": name, **dataclasses.asdict(diagnosis)}
+
+
 def _render(arguments: list[str]) -> Answer:
     import tyro
 
@@ -465,6 +483,7 @@ COMMANDS: dict[str, tuple[str, Callable[[list[str]], Answer], Callable[[dict[str
     "grasp": ("Show the best start grasps of a scene, to choose one from.", _grasp, answers.grasps),
     "scenes": ("List the built-in scenes.", _scenes, answers.scenes),
     "models": ("List the robots that a scene can name: built-in hands, MuJoCo Menagerie.", _models, answers.models),
+    "doctor": ("Say what will go wrong with a scene or a robot, and what to do about it.", _doctor, answers.diagnosis),
     "render": ("Draw a plan: frames side by side, contact motions marked, forces as arrows.", _render, answers.picture),
     "bench": ("Measure the method: paper, minima, scenes, replays, replans, levers, goals.", _bench, _nothing),
 }

@@ -169,6 +169,7 @@ def _carrier(
 CORES: dict[str, Callable[[float, float, float], Core]] = {
     "sphere": lambda r, *_: (POINT, (0.0, 0.0, 0.0), r),
     "capsule": lambda r, half, _: (SEGMENT, (0.0, 0.0, half), r),
+    "cylinder": lambda r, half, _: (CYLINDER, (r, r, half), 0.0),
     "box": lambda x, y, z: (BOX, (x, y, z), 0.0),
 }
 """Core of a primitive of `scene.fits` from its size."""

@@ -8,11 +8,15 @@ import mujoco
 
 from regrasp.errors import InputError
 
+MOST = 200000
+"""Triangles of a mesh that MuJoCo reads at most."""
 READ = (".stl", ".obj", ".msh")
 """What MuJoCo reads; STL in its binary form only."""
 
 Find = Callable[[str, str], Path | None]
 """Name of a file in the model and subfolder it counts from → the file, None if there is none."""
+Called = Callable[[str], str]
+"""Name of a file in the model → what its author calls it."""
 
 
 def beside(robot: mujoco.MjSpec) -> Find:
@@ -26,7 +30,7 @@ def beside(robot: mujoco.MjSpec) -> Find:
     return find
 
 
-def embed(robot: mujoco.MjSpec, find: Find) -> list[str]:
+def embed(robot: mujoco.MjSpec, find: Find, called: Called = str) -> list[str]:
     """Puts every mesh, texture and height field file into `robot.assets`, renamed to a plain unique name.
 
     A mesh that is missing or unreadable is dropped with its geoms where these are only for the eye. Tells each
@@ -39,7 +43,7 @@ def embed(robot: mujoco.MjSpec, find: Find) -> list[str]:
             continue
         content, suffix, fault = _mesh(find(mesh.file, robot.meshdir))
         if fault.startswith("is ") and content:
-            said.append(f"mesh {mesh.file!r} {fault}")
+            said.append(f"mesh {called(mesh.file)!r} {fault}")
         if content:
             mesh.file = f"{len(files)}-{Path(mesh.file).stem}{suffix}"
             files[mesh.file] = content
@@ -47,8 +51,8 @@ def embed(robot: mujoco.MjSpec, find: Find) -> list[str]:
         geoms = [geom for geom in robot.geoms if geom.meshname == mesh.name]
         if any(geom.contype or geom.conaffinity for geom in geoms):
             hint = "package://NAME is looked for above the file, along ROS_PACKAGE_PATH and in model.packages"
-            raise InputError("model.file", f"collision mesh {mesh.file!r} {fault}", hint)
-        said.append(f"mesh {mesh.file!r} {fault}: left out, it is for the eye only")
+            raise InputError("model.file", f"collision mesh {called(mesh.file)!r} {fault}", hint)
+        said.append(f"mesh {called(mesh.file)!r} {fault}: left out, it is for the eye only")
         for geom in geoms:
             robot.delete(geom)
         robot.delete(mesh)
@@ -70,7 +74,8 @@ def _mesh(path: Path | None) -> tuple[bytes, str, str]:
     if path is None:
         return b"", "", "is not found"
     content, suffix = path.read_bytes(), path.suffix.lower()
-    if suffix in READ and not (suffix == ".stl" and _is_text(content)):
+    binary = suffix == ".stl" and not _is_text(content)
+    if (binary and _count(content) <= MOST) or suffix in READ[1:]:
         return content, suffix, ""
     import trimesh
 
@@ -78,7 +83,14 @@ def _mesh(path: Path | None) -> tuple[bytes, str, str]:
         scene = trimesh.load_scene(path)
         if scene.units:
             scene = scene.convert_units("meters")
-        stl = scene.to_mesh().export(file_type="stl")
+        mesh = scene.to_mesh()
+        if len(mesh.faces) > MOST:
+            return (
+                mesh.convex_hull.export(file_type="stl"),
+                ".stl",
+                f"is of more than {MOST} triangles: its hull is taken",
+            )
+        stl = mesh.export(file_type="stl")
     except Exception as error:  # whatever a reader of foreign files may raise
         return b"", "", f"cannot be read: {' '.join(str(error).split()) or type(error).__name__}"
     kind = "a text" if suffix == ".stl" else f"a {suffix.removeprefix('.')} file"
@@ -87,4 +99,9 @@ def _mesh(path: Path | None) -> tuple[bytes, str, str]:
 
 def _is_text(stl: bytes) -> bool:
     """Whether an STL file is of the text kind: a binary one has the length that its count of triangles asks for."""
-    return len(stl) < 84 or len(stl) != 84 + 50 * struct.unpack_from("<I", stl, 80)[0]
+    return len(stl) < 84 or len(stl) != 84 + 50 * _count(stl)
+
+
+def _count(stl: bytes) -> int:
+    """The number of triangles that a binary STL file states."""
+    return int(struct.unpack_from("<I", stl, 80)[0])

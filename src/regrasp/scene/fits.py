@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Kind = Literal["sphere", "capsule", "cylinder", "box"]
+KINDS: tuple[Kind, ...] = ("sphere", "capsule", "cylinder", "box")
 
 FACES = 32
 """Faces of a hull whose directions are tried for a box, the largest ones."""
 PIECES = 4
 """Primitives that one hull is enclosed by at most."""
 GAIN = 0.8
-"""A further primitive, or a box instead of a capsule, has to bring the enclosed volume down to this part."""
+"""A further primitive, or one with edges instead of one without, has to bring the enclosed volume down to this part."""
 ROUNDS = 200
 """Steps towards the farthest point that find a smallest ball; its radius is then exact to 1/√ROUNDS at worst."""
 END = math.cos(math.radians(50.0))
@@ -26,10 +28,11 @@ END = math.cos(math.radians(50.0))
 class Primitive:
     """A convex primitive: pose (R (3, 3), p (3,)) in the frame of what it was fitted to.
 
-    size (3,), m: sphere radius; capsule radius and half length along z; box half extents; the rest zero.
+    size (3,), m: sphere radius; capsule radius and half length along z; cylinder radius and half height along z; box half
+    extents; the rest zero.
     """
 
-    kind: Literal["sphere", "capsule", "box"]
+    kind: Kind
     size: Array
     R: Array
     p: Array
@@ -40,6 +43,8 @@ class Primitive:
         a, b, c = (float(x) for x in self.size)
         if self.kind == "box":
             return 8 * a * b * c
+        if self.kind == "cylinder":
+            return 2 * math.pi * a**2 * b
         return 4 / 3 * math.pi * a**3 + (2 * math.pi * a**2 * b if self.kind == "capsule" else 0.0)
 
 
@@ -48,11 +53,11 @@ def enclosing(points: Array) -> tuple[Primitive, ...]:
 
     The hull is cut into slabs across its longest axis where that takes a fifth off the volume.
     """
-    corners, volume = hull(points), _volume(points)
+    corners, least = hull(points), volume(points)
     axis = _axes(corners)[:, 0]
     best: tuple[Primitive, ...] = (_tightest(corners),)
     for count in range(2, PIECES + 1):
-        if volume > GAIN * sum(piece.volume for piece in best):
+        if least > GAIN * sum(piece.volume for piece in best):
             break
         heights = corners @ axis
         cuts = np.linspace(heights.min(), heights.max(), count + 1)
@@ -72,16 +77,21 @@ def excess(primitives: tuple[Primitive, ...], points: Array) -> float:
 
 
 def surface(primitive: Primitive) -> Array:
-    """Points on a primitive's surface, (n, 3): a box's corners, 300 points elsewhere."""
+    """Points on a primitive's surface, (n, 3), where it may stick out: corners, a rim, 300 points of a round one."""
+    local: Array
     if primitive.kind == "box":
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         local = signs * primitive.size
+    elif primitive.kind == "cylinder":
+        radius, half, _ = primitive.size
+        around = 2 * np.pi * np.arange(64) / 64
+        rim = np.stack([radius * np.cos(around), radius * np.sin(around), np.full(64, half)], axis=1)
+        local = np.concatenate([rim, rim * np.array([1.0, 1.0, -1.0])])
     else:
         i = np.arange(300) + 0.5
         z, turn = 1 - 2 * i / 300, np.pi * (1 + math.sqrt(5)) * i
         ball = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
-        local = primitive.size[0] * ball
-        local[:, 2] += np.sign(z) * primitive.size[1]
+        local = primitive.size[0] * ball + np.sign(z)[:, None] * [0.0, 0.0, primitive.size[1]]
     return local @ primitive.R.T + primitive.p
 
 
@@ -90,12 +100,12 @@ def hull(points: Array) -> Array:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        return np.asarray(points[ConvexHull(points).vertices])
+        return points[ConvexHull(points).vertices]
     except QhullError:
         return points
 
 
-def _volume(points: Array) -> float:
+def volume(points: Array) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -149,15 +159,18 @@ def end_sphere(points: Array, outward: Array) -> tuple[Array, float, float]:
 
 
 def _tightest(corners: Array) -> Primitive:
-    """The sphere, capsule or box of least volume that encloses corners (n, 3); a box only where it is much smaller."""
-    axes = _axes(corners)
+    """The primitive of least volume that encloses corners (n, 3); one with edges only where it is much smaller.
+
+    Distances of spheres and capsules have closed forms.
+    """
     centre, radius = _ball(corners)
-    round_ones = [Primitive("sphere", np.array([radius, 0.0, 0.0]), np.eye(3), centre)]
     box = _box(corners)
-    directions = np.concatenate([axes.T, box.R.T])
-    round_ones += [_capsule(corners, direction) for direction in directions]
-    best = min(round_ones, key=lambda each: each.volume)
-    return box if box.volume < GAIN * best.volume else best
+    directions = np.concatenate([_axes(corners).T, box.R.T])
+    smooth = [Primitive("sphere", np.array([radius, 0.0, 0.0]), np.eye(3), centre)]
+    smooth += [_capsule(corners, direction) for direction in directions]
+    edged = [box, *(_cylinder(corners, direction) for direction in directions)]
+    best, other = (min(group, key=lambda each: each.volume) for group in (smooth, edged))
+    return other if other.volume < GAIN * best.volume else best
 
 
 def _axes(corners: Array) -> Array:
@@ -185,6 +198,16 @@ def _capsule(corners: Array, axis: Array) -> Primitive:
     half = max((top - bottom) / 2, 0.0)
     centre = (top + bottom) / 2 * axis + middle @ across
     return Primitive("capsule", np.array([radius, half, 0.0]), np.stack([*across, axis], axis=1), centre)
+
+
+def _cylinder(corners: Array, axis: Array) -> Primitive:
+    """The cylinder about corners (n, 3) along an axis."""
+    across = _complement(axis)
+    middle, radius = _ball(corners @ across.T)
+    heights = corners @ axis
+    low, high = float(heights.min()), float(heights.max())
+    centre = (low + high) / 2 * axis + middle @ across
+    return Primitive("cylinder", np.array([radius, (high - low) / 2, 0.0]), np.stack([*across, axis], axis=1), centre)
 
 
 def _box(corners: Array) -> Primitive:

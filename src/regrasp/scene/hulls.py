@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from regrasp.scene.cache import Arrays, kept_arrays
+from regrasp.scene.cache import Arrays, kept
 from regrasp.scene.triangles import moments
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def _cut(vertices: Array, faces: Ints) -> list[Array]:
             "count": np.array([len(points) for points, _ in found]),
         }
 
-    arrays = kept_arrays("parts-1", {"vertices": vertices, "faces": faces, "concavity": np.array(CONCAVITY)}, cut)
+    arrays = kept("parts", {"vertices": vertices, "faces": faces, "concavity": np.array(CONCAVITY)}, cut)
     return np.split(np.asarray(arrays["points"], float), np.cumsum(arrays["count"])[:-1])
 
 

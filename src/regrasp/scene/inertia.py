@@ -69,6 +69,8 @@ def _given(body: mujoco.MjsBody) -> list[str]:
         body.fullinertia = [after[0, 0], after[1, 1], after[2, 2], after[0, 1], after[0, 2], after[1, 2]]
     else:
         body.inertia = np.diag(after)
+    if not before.any():
+        return [*said, f"body {body.name!r} has no inertia: given {LEAST_INERTIA:g} kg m²"]
     values = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(before))
     now = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(after))
     return [*said, f"body {body.name!r} has principal inertias no body can have, {values} kg m²: made {now}"]

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.scene import cache, collisions, fits
-from regrasp.scene.fits import Primitive
+from regrasp.scene.fits import KINDS, Primitive
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 Part = tuple[int, int]
 """Geom id and which of its primitives."""
 
-KIND = "links-1"
-"""Of the cache: the number changes with the method of `fits.enclosing`."""
 CLOSE = 3e-3
 """Primitives nearer than this at rest, m, could never keep the clearance that planning asks for."""
 
@@ -79,12 +77,18 @@ def links(model: mujoco.MjModel, rest: Array, pairs: Ids, convex: Ids) -> Links:
 def enclosing(vertices: Array) -> tuple[Primitive, ...]:
     """`fits.enclosing`, kept on disk."""
 
-    def make() -> list[dict[str, object]]:
-        fitted = fits.enclosing(vertices)
-        return [{"kind": p.kind, "size": p.size.tolist(), "R": p.R.tolist(), "p": p.p.tolist()} for p in fitted]
+    def make() -> dict[str, NDArray[np.generic]]:
+        found = fits.enclosing(vertices)
+        return {
+            "kind": np.array([KINDS.index(each.kind) for each in found]),
+            "size": np.array([each.size for each in found]),
+            "R": np.array([each.R for each in found]),
+            "p": np.array([each.p for each in found]),
+        }
 
-    rows = cache.kept(KIND, np.ascontiguousarray(vertices).tobytes(), make)
-    return tuple(Primitive(row["kind"], np.array(row["size"]), np.array(row["R"]), np.array(row["p"])) for row in rows)
+    found = cache.kept("link", {"vertices": vertices}, make)
+    rows = zip(*(found[key] for key in ("kind", "size", "R", "p")), strict=True)
+    return tuple(Primitive(KINDS[int(kind)], size, R, p) for kind, size, R, p in rows)
 
 
 def _stage(

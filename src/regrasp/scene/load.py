@@ -12,7 +12,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from regrasp.errors import InputError
-from regrasp.scene.schema import MODELS, OBJECTS, MeshObject, ModelFile, Scene
+from regrasp.scene.forms import MODELS, ModelFile
+from regrasp.scene.schema import OBJECTS, MeshObject, Scene
 
 # What a wrong type is called where a scene's reader would not know pydantic's name for it.
 _TYPES = {
@@ -121,7 +122,9 @@ def dump(scene: Scene) -> str:
 
 
 def _texts() -> Iterator[tuple[str, str]]:
-    for entry in sorted(resources.files("regrasp.scene").joinpath("builtin").iterdir(), key=lambda entry: entry.name):
+    for entry in sorted(
+        resources.files("regrasp.scene").joinpath("builtin").iterdir(), key=lambda entry: Path(entry.name).stem
+    ):
         if entry.name.endswith(".yaml"):
             yield entry.name.removesuffix(".yaml"), entry.read_text(encoding="utf-8")
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import hulls, meshes, solids
-from regrasp.scene.cache import Arrays, kept_arrays
+from regrasp.scene.cache import Arrays, kept
 from regrasp.scene.grids import Grid, Skin, nodes, skin_of, spacing_for
 from regrasp.scene.openings import opened
 from regrasp.scene.schema import AnyObject, MeshObject, Object, UnionObject
@@ -145,7 +145,7 @@ def _opened(arrays: Arrays) -> Arrays:
             "skin_faces": found.skin.faces.astype(np.int32), "error": np.array(found.error),
         }  # fmt: skip
 
-    return kept_arrays("opening-1", arrays, make)
+    return kept("opening", arrays, make)
 
 
 def _united(shape: UnionObject) -> Grid:

@@ -9,8 +9,8 @@ from pydantic.fields import FieldInfo
 
 from regrasp.errors import InputError
 from regrasp.scene import assets, inertia, menagerie, urdf
+from regrasp.scene.forms import MODELS, MenagerieModel, ModelFile, OwnModel
 from regrasp.scene.pose import Pose
-from regrasp.scene.schema import MODELS, MenagerieModel, ModelFile, OwnModel
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def read_file(path: Path, packages: Mapping[str, str]) -> Robot:
     if is_urdf(path):
         found = urdf.read(path, packages)
         spec, speeds = found.spec, found.speeds
-        said = assets.embed(spec, lambda name, _: found.files.get(name))
+        said = assets.embed(spec, lambda name, _: found.files.get(name), found.uris.__getitem__)
     else:
         try:
             spec = mujoco.MjSpec.from_file(str(path))

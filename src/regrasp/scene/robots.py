@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, ends, models, tips
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.pose import multiply
-from regrasp.scene.schema import OwnModel, Scene, Tip
+from regrasp.scene.schema import Scene, Tip
 
 Array = NDArray[np.float64]
 

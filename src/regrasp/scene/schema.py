@@ -1,7 +1,6 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
-import typing
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, Self
 
@@ -9,10 +8,10 @@ import numpy as np
 from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from regrasp.scene.forms import Model, OwnModel
 from regrasp.scene.pose import Pose, Strict, conjugate, multiply
 from regrasp.scene.units import (
     Acceleration,
-    Angle,
     Coordinate,
     Density,
     Force,
@@ -131,124 +130,6 @@ class Environment(Strict):
         return self
 
 
-class PumaHand(Strict):
-    """Puma 560 fingers (or whole arms, at scale 1) evenly on a ring around a palm, the first on its +x side.
-
-    With `bases` they stand at these poses in the palm's frame instead, each stretching along the x axis of its own.
-    """
-
-    hand: Literal["puma"]
-    fingers: Annotated[int, Field(ge=1, le=12)] = 3
-    scale: Scale = 0.3
-    ring: Length = 0.33
-    palm: Annotated[bool, Field(description="whether a solid disc closes the ring")] = True
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-    tip_radius: Length | None = None
-    tool_length: Length | None = None
-    home: tuple[JointValue, JointValue, JointValue, JointValue, JointValue, JointValue] | None = None
-    bases: tuple[Pose, ...] | None = None
-
-    @model_validator(mode="after")
-    def _check_bases(self) -> "PumaHand":
-        if self.bases is not None and len(self.bases) != self.fingers:
-            raise fault(f"{len(self.bases)} bases for {self.fingers} fingers", "one pose for each finger")
-        if self.bases is not None and self.palm:
-            raise fault("bases leave no ring for a palm to close", "palm: false")
-        return self
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return tuple(f"finger{i + 1}" for i in range(self.fingers))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ("palm",) if self.palm else ()
-
-
-class PlanarBase(Strict):
-    """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
-
-    position: tuple[Coordinate, Coordinate]
-    angle: Angle
-    home: tuple[JointValue, JointValue, JointValue] | None = None
-
-
-class PlanarHand(Strict):
-    """Fingers of three hinges about −y, moving in the plane y = 0."""
-
-    hand: Literal["planar"]
-    bases: Annotated[tuple[PlanarBase, ...], Field(min_length=1, max_length=12)]
-    links: tuple[Length, Length, Length] = (0.09, 0.07, 0.05)
-    link_radius: Length = 0.008
-    tip_radius: Length = 0.012
-
-    @model_validator(mode="after")
-    def _check(self) -> "PlanarHand":
-        if self.link_radius > self.tip_radius:
-            raise fault("link_radius exceeds tip_radius", "the tip must stand proud of its link to touch the object")
-        return self
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ()
-
-
-Four = tuple[JointValue, JointValue, JointValue, JointValue]
-Finger = Literal["index", "middle", "ring", "thumb"]
-
-
-class AllegroHand(Strict):
-    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
-
-    hand: Literal["allegro"]
-    side: Literal["right", "left"] = "right"
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-    tip_radius: Length = 0.012
-    home: dict[Finger, Four] = Field(default_factory=dict)
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return typing.get_args(Finger)
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ("palm",)
-
-
-class OwnModel(Strict):
-    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
-
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the robot that may carry the object."""
-        return ()
-
-
-class ModelFile(OwnModel):
-    """An MJCF or URDF file. `packages`: folders of the packages that a URDF's package:// paths name."""
-
-    file: FileName
-    packages: dict[str, str] = Field(default_factory=dict)
-
-
-class MenagerieModel(OwnModel):
-    """A model of MuJoCo Menagerie: its folder, and its file where the folder holds more than one."""
-
-    menagerie: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]*(/\w[\w.-]*)?$")]
-
-
 class Tip(Strict):
     """A fingertip that differs from what the robot has: a box of it with rounded edges (`geom`), or a shape.
 
@@ -327,26 +208,11 @@ def _supports_tag(value: Any) -> str:
     return "supports: auto" if value == "auto" else "supports: names"
 
 
-def _model_tag(value: Any) -> str | None:
-    if isinstance(value, dict):
-        own = next((key for key in ("file", "menagerie") if key in value), None)
-        return f"model: {own or value.get('hand')}"
-    return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
-
-
 def _object_tag(value: Any) -> str:
     shape = value.get("shape") if isinstance(value, dict) else getattr(value, "shape", None)
     return f"object: {shape}" if shape in ("mesh", "union") else "object: solid"
 
 
-# Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {
-    "model: puma": PumaHand,
-    "model: planar": PlanarHand,
-    "model: allegro": AllegroHand,
-    "model: file": ModelFile,
-    "model: menagerie": MenagerieModel,
-}
 OBJECTS: dict[str, type[Strict]] = {"object: solid": Object, "object: union": UnionObject, "object: mesh": MeshObject}
 AnyObject = Annotated[
     Annotated[Object, Tag("object: solid")]
@@ -361,21 +227,6 @@ Grasp = Annotated[
 Supports = Annotated[
     Annotated[Literal["auto"], Tag("supports: auto")] | Annotated[tuple[str, ...], Tag("supports: names")],
     Discriminator(_supports_tag),
-]
-Model = Annotated[
-    Annotated[PumaHand, Tag("model: puma")]
-    | Annotated[PlanarHand, Tag("model: planar")]
-    | Annotated[AllegroHand, Tag("model: allegro")]
-    | Annotated[ModelFile, Tag("model: file")]
-    | Annotated[MenagerieModel, Tag("model: menagerie")],
-    Discriminator(
-        _model_tag,
-        custom_error_type="scene",
-        custom_error_message="neither a built-in hand nor a model of your own",
-        custom_error_context={
-            "hint": "legal: hand: puma, hand: planar, hand: allegro, file: robot.urdf, menagerie: wonik_allegro/right_hand"
-        },
-    ),
 ]
 
 

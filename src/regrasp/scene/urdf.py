@@ -16,12 +16,13 @@ from regrasp.errors import InputError
 class Urdf:
     """A URDF file as a spec, parsed but not compiled.
 
-    files: where the mesh files are that the spec names, None for one that was not found; speeds: joint → its speed limit,
-    rad/s or m/s, where the file gives one.
+    files: where the mesh files are that the spec names, None for one that was not found; uris: what the URDF calls them;
+    speeds: joint → its speed limit, rad/s or m/s, where the file gives one.
     """
 
     spec: mujoco.MjSpec
     files: Mapping[str, Path | None]
+    uris: Mapping[str, str]
     speeds: Mapping[str, float]
 
 
@@ -53,7 +54,8 @@ def read(path: Path, packages: Mapping[str, str]) -> Urdf:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise InputError("model.file", f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    return Urdf(spec, files, {name: speed for name, speed in speeds.items() if speed > 0.0})
+    uris = {name: uri for uri, name in names.items()}
+    return Urdf(spec, files, uris, {name: speed for name, speed in speeds.items() if speed > 0.0})
 
 
 def locate(uri: str, folders: list[Path], packages: Mapping[str, str]) -> Path | None:
@@ -63,14 +65,14 @@ def locate(uri: str, folders: list[Path], packages: Mapping[str, str]) -> Path |
     `folders` that is called NAME or holds one that is, then along ROS_PACKAGE_PATH; a plain path counts from `folders`.
     """
     scheme, _, rest = uri.rpartition("://")
-    if scheme not in ("package", "model"):
+    if scheme not in ("package", "model"):  # or a plain path, or file:///…, which is absolute
         places = [folder / rest for folder in folders]
     else:
         package, _, rest = rest.partition("/")
-        above = [*folders[0].resolve().parents, folders[0].resolve()][::-1]
+        above = [folders[0].resolve(), *folders[0].resolve().parents]
         along = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
         homes = [Path(packages[package])] if package in packages else []
-        for folder in sorted(above, key=lambda folder: -len(folder.parts)) + along:
+        for folder in above + along:
             homes += [folder] if folder.name == package else []
             homes += [folder / package]
         places = [home / rest for home in homes]

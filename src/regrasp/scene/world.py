@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
+from regrasp.scene.forms import OwnModel
 from regrasp.scene.grids import Grid
 from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
 from regrasp.scene.matter import Matter, add_to, assets_of, grid_of, matter_of
-from regrasp.scene.schema import OwnModel, Scene
+from regrasp.scene.schema import Scene
 from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
@@ -29,12 +30,11 @@ MAX_FORCE = 10.0
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind, tip_size:
-    its surface and sizes (4,), see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
-    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf where
-    unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction: coefficient
-    between tip and object.
-    Arrays are (n,), n the number of joints.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
+    tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
+    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
+    coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str

@@ -151,6 +151,17 @@ def models(answer: dict[str, Any]) -> None:
     print("model: {file: PATH}\n  any MJCF or URDF file; regrasp doctor PATH says what will go wrong")
 
 
+def diagnosis(answer: dict[str, Any]) -> None:
+    """The symptoms, one a line, and the bodies that could be tips."""
+    for symptom in answer["symptoms"]:
+        remedy = f" ({symptom['remedy']})" if symptom["remedy"] else ""
+        print(f"{symptom['severity']}: {symptom['where']}: {symptom['what']}{remedy}")
+    if answer["tips"]:
+        print(f"chains end in: {', '.join(answer['tips'])}")
+    counts = {kind: sum(s["severity"] == kind for s in answer["symptoms"]) for kind in ("error", "warning", "note")}
+    print(f"{answer['examined']}: " + ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items()))
+
+
 def picture(answer: dict[str, Any]) -> None:
     """File and size of the picture."""
     print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
