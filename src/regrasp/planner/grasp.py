@@ -12,7 +12,7 @@ from regrasp.kernels.forces import EDGES
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.follow import is_full
 from regrasp.planner.hand import Hand
@@ -349,11 +349,12 @@ def find_grasp(
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
         forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+    own = object_row(hand)
     for i in off:
         if (
             hits(hand, i, k, rest_R[i], rest_p[i], R_WB[0], p_WB[0], 0.0)
-            or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, -1:], p_WB[0, -1:], 0.0)
-            or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, -1], p_WB[0, -1], 0.0)
+            or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
+            or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     short = not all(is_full(hand, i) for i in agents)

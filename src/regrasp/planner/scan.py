@@ -195,7 +195,7 @@ def candidate_free(
 ) -> bool:
     """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered.
 
-    R_B, p_B: poses of the static bodies, then the object, in configuration j.
+    R_B, p_B: poses of the static bodies, then the object's, in configuration j.
     """
     known = scan.status[i, j, c]
     if known != UNKNOWN:
@@ -299,7 +299,7 @@ def outlook_of(
 ) -> float:  # fmt: skip
     """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
 
-    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object. Remembered.
+    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
     """
     n = path.R_WO.shape[0]
     if scan.kept[i, j, c] >= 0.0:
