@@ -33,7 +33,7 @@ def test_a_box_opened_is_the_rounded_box() -> None:
     assert np.quantile(np.abs(core.max(axis=1)), 0.99) < 2e-5
     points = np.random.default_rng(0).normal(size=(2000, 3))
     points *= 0.04 / np.linalg.norm(points, axis=1, keepdims=True)
-    true = solids.distance(ROUNDED, points)
+    true = solids.distance(*solids.kind(ROUNDED), points)
     mine = found.core.nearest(points @ R.T)[0] - ROUNDING
     np.testing.assert_allclose(mine, true, atol=2e-4)
     assert np.sqrt(np.mean((mine - true) ** 2)) < 2e-5
@@ -46,7 +46,7 @@ def test_the_spline_and_the_skin_keep_to_the_solid_and_converge() -> None:
         found, R = turned_box(spacing)
         values, gradients = Spline(found.grid)(found.skin.vertices)
         assert np.max(np.abs(values)) < 1e-8
-        away = np.abs(solids.distance(ROUNDED, found.skin.vertices @ R))
+        away = np.abs(solids.distance(*solids.kind(ROUNDED), found.skin.vertices @ R))
         errors.append(np.sqrt(np.mean(away**2)))
         np.testing.assert_allclose(np.linalg.norm(gradients, axis=1), 1.0, atol=0.1)
         assert np.all(np.sum(gradients * found.skin.normals, axis=1) > 0.9)

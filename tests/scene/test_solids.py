@@ -43,7 +43,7 @@ def test_union_of_geoms_is_the_shape(shape: Object) -> None:
     if shape.shape == "box":  # the edges and corners are where the union could fail
         core = np.array(shape.size) - shape.rounding
         points = np.vstack([points, np.sign(points[:50]) * core * (1 + 1e-3) + 0.5 * points[:50]])
-    away = solids.distance(shape, points)
+    away = solids.distance(*solids.kind(shape), points)
     assert np.sum(away > 3e-4) > 60
     for p, true in zip(points[away > 3e-4], away[away > 3e-4], strict=True):
         data.mocap_pos[0] = p
@@ -61,7 +61,7 @@ def test_moments_are_those_of_the_true_shape(shape: Object) -> None:
     n = 36
     axes = [h * ((np.arange(n) + 0.5) / n * 2 - 1) for h in half]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = solids.distance(shape, grid) < 0
+    inside = solids.distance(*solids.kind(shape), grid) < 0
     assert solids.volume(shape) == pytest.approx(inside.mean() * 8 * half.prod(), rel=5e-3)
     second = (grid[inside] ** 2).mean(axis=0)
     np.testing.assert_allclose(solids.inertia(shape), second.sum() - second, rtol=1e-2)

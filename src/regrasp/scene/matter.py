@@ -157,7 +157,9 @@ def _united(shape: UnionObject) -> Grid:
     spacing = shape.resolution or spacing_for(high - low, radius)
     origin, count = nodes(low, high, spacing)
     points = origin + spacing * np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1).reshape(-1, 3)
-    values = np.min([solids.distance(piece, (points - piece.pose.p) @ piece.pose.R) for piece in shape.parts], axis=0)
+    values = np.min(
+        [solids.distance(*solids.kind(piece), (points - piece.pose.p) @ piece.pose.R) for piece in shape.parts], axis=0
+    )
     return Grid(origin, spacing, values.reshape(count))
 
 

@@ -53,20 +53,20 @@ def least_radius(shape: Primitive) -> float:
     )
 
 
-def distance(shape: Primitive, points: Array) -> Array:
-    """Signed distance (N,) of points (N, 3) in the solid's frame, m."""
-    p, size, r = np.abs(points), np.array(shape.size), shape.rounding
-    match shape.shape:
+def distance(code: int, size: Array, points: Array) -> Array:
+    """Signed distance (N,) of points (N, 3) in the solid's frame, m; code and size (4,) as in `kind`."""
+    p, r = np.abs(points), size[3]
+    match KINDS[code]:
         case "sphere":
             return np.asarray(np.linalg.norm(p, axis=1) - size[0])
         case "ellipsoid":
-            return _ellipsoid(p, size)
+            return _ellipsoid(p, size[:3])
         case "capsule":
             return np.hypot(np.hypot(p[:, 0], p[:, 1]), np.maximum(p[:, 2] - size[1], 0.0)) - size[0]
         case "cylinder":
-            excess = np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=1) - (size - r)
+            excess = np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=1) - (size[:2] - r)
         case _:
-            excess = p - (size - r)
+            excess = p - (size[:3] - r)
     return np.asarray(np.linalg.norm(np.maximum(excess, 0.0), axis=1) + np.minimum(excess.max(axis=1), 0.0) - r)
 
 
