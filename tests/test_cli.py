@@ -336,10 +336,10 @@ def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkey
 
 
 def test_the_short_flags_name_fields_of_the_planner():
-    from regrasp import cli
+    from regrasp.commands import planning
     from regrasp.planner.task import Settings as Real
 
-    for path in (cli.ITERATIONS, cli.TIME_LIMIT):
+    for path in (planning.ITERATIONS, planning.TIME_LIMIT):
         value: object = Real()
         for name in path:
             value = getattr(value, name)

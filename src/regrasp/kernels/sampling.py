@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from regrasp.kernels.grids import Grids, grid_field
 from regrasp.kernels.rotations import Array
@@ -112,12 +111,12 @@ def _sample_box(size: Array, count: int) -> Array:
     return np.concatenate(patches)
 
 
-DENSE = 40  # points of a mesh from which one sample is chosen, or more
+DENSE = 40  # points of a mesh from which one sample is chosen
 ROUNDS = 8  # of Lloyd's method
 
 
 def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
-    """`sample` of a mesh: a dense cloud, equally so by area, and of that as many points, centres of equal parts.
+    """`sample` of a mesh: a cloud, equally dense by area, and of that as many points, centres of equal parts.
 
     The cloud are the closest points to a lattice in a thin shell on both sides of the surface: what a shell's volume has too
     much on its outer side it lacks on the inner. Of the cloud the furthest points are taken one after another, then each
@@ -132,9 +131,12 @@ def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
         if len(cloud) >= DENSE * count:
             break
         parts *= 2
-    spacing = math.sqrt(
-        len(cloud) * (h / parts) ** 3 / h / count
-    )  # as the cloud's area is its volume through the width
+    from scipy.spatial import cKDTree
+
+    area = len(cloud) * (h / parts) ** 3 / h  # the shell's volume through its width
+    few = np.sort(np.random.default_rng(0).choice(len(cloud), DENSE * count, replace=False))
+    cloud, normals = cloud[few], normals[few]
+    spacing = math.sqrt(area / count)
     places = np.concatenate((cloud, 0.5 * spacing * normals), axis=1)
     chosen = np.zeros(count, np.int64)
     away = np.linalg.norm(places - places.mean(axis=0), axis=1)

@@ -4,6 +4,7 @@ Bodies fixed to one another are merged: a chain's link is everything between two
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,9 +13,11 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.kernels.chains import HINGE, SLIDE, Chains
-from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, PLANE, POINT, SEGMENT
+from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, HULL, PLANE, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.rotations import Array
+from regrasp.planner.hulls import hull_core, widened
+from regrasp.scene import collisions
 from regrasp.scene.fits import Primitive
 from regrasp.scene.links import Part
 
@@ -99,7 +102,8 @@ def geoms_from(
 ) -> Geoms:
     """Collision geometries of geoms as convex cores with a radius, each in the frame of what carries it.
 
-    parts: geom id and, for a geom that `shapes` has, which of the primitives that stand for it; else 0.
+    parts: geom id and, for a geom that `shapes` has, which of the primitives that stand for it; else 0. A mesh without such is
+    its convex hull.
 
     A geom belongs to the agent whose joints[a] move it, with the link that `forward` writes for the last of them; to
     the object if it is on object_body or fixed to it; everything else is static and in the world frame. Raises
@@ -109,7 +113,7 @@ def geoms_from(
     count = len(parts)
     out = Geoms(
         kind=np.zeros(count, dtype=np.int64),
-        core=np.zeros((count, 3)),
+        core=np.zeros((count, 0)),
         radius=np.zeros(count),
         R_LG=np.zeros((count, 3, 3)),
         p_LG=np.zeros((count, 3)),
@@ -117,18 +121,25 @@ def geoms_from(
         agent=np.zeros(count, dtype=np.int64),
         link=np.zeros(count, dtype=np.int64),
     )
+    cores = []
     for g, (geom, i) in enumerate(parts):
         X_BG = _pose(model.geom_pos[geom], model.geom_quat[geom])
         if geom in shapes:
             shape = shapes[geom][i]
-            out.kind[g], out.core[g], out.radius[g] = CORES[shape.kind](*(float(x) for x in shape.size))
+            out.kind[g], core, out.radius[g] = CORES[shape.kind](*(float(x) for x in shape.size))
             X_BG = _compose(X_BG, (shape.R, shape.p))
+        elif model.geom_type[geom] == mjtGeom.mjGEOM_MESH:
+            vertices = collisions.vertices(model, geom)
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+            out.kind[g], core = HULL, tuple(hull_core(vertices - middle))
+            X_BG = _compose(X_BG, (np.eye(3), middle))
         else:
-            out.kind[g], out.core[g], out.radius[g] = _core(model, geom)
-        out.bound[g] = _bound(int(out.kind[g]), out.core[g], float(out.radius[g]))
+            out.kind[g], core, out.radius[g] = _core(model, geom)
+        cores.append(np.array(core))
+        out.bound[g] = _bound(int(out.kind[g]), cores[g][:3], float(out.radius[g]))
         out.agent[g], out.link[g], X = _carrier(model, int(model.geom_bodyid[geom]), owner, object_body)
         out.R_LG[g], out.p_LG[g] = _compose(X, X_BG)
-    return out
+    return replace(out, core=widened(cores))
 
 
 def _carrier(

@@ -11,7 +11,7 @@ from regrasp.kernels.forces import EDGES
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.assemble import pose_row
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along, normal_at
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
@@ -101,7 +101,7 @@ def tight(hand: Hand, path: Path, grasp: Grasp, clearance: float) -> bool:
     """Whether any bodies come closer than the clearance in the grasp at the path's start."""
     k, geoms = len(hand.tip_geom), int(np.max(np.diff(hand.geom_start)))
     R_WB, p_WB = bodies_along(hand, path)
-    R_B, p_B = R_WB[0], p_WB[0]
+    R_B, p_B, row = R_WB[0], p_WB[0], object_row(hand)
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     for i in range(k):
         q = grasp.q[hand.chains.start[i] : hand.chains.start[i + 1]]
@@ -110,8 +110,8 @@ def tight(hand: Hand, path: Path, grasp: Grasp, clearance: float) -> bool:
         place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
         if (
             hits(hand, i, k, R_G[i], p_G[i], R_B, p_B, clearance)
-            or hits(hand, i, k + 1, R_G[i], p_G[i], R_B[-1:], p_B[-1:], clearance)
-            or (not grasp.holds[i] and tip_hits(hand, i, R_G[i], p_G[i], R_B[-1], p_B[-1], clearance))
+            or hits(hand, i, k + 1, R_G[i], p_G[i], R_B[row:], p_B[row:], clearance)
+            or (not grasp.holds[i] and tip_hits(hand, i, R_G[i], p_G[i], R_B[row:], p_B[row:], clearance))
             or any(hits(hand, a, i, R_G[a], p_G[a], R_G[i], p_G[i], clearance) for a in range(i))
         ):
             return True

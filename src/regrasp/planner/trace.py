@@ -8,7 +8,7 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place, place_agent, tip_hits
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full, reach_tip, roll, short_step
 from regrasp.planner.hand import Hand
@@ -67,9 +67,9 @@ def sample_hits(
     """Blocks that collide at any sample of interval j: found (k, k + 2). q (m + 1, nq) joints of all agents.
 
     holds (k,): in contact all through; ends (k,): in contact at the start (1), the end (2) or both (3) of a free motion,
-    near which its tip may be close to the object. R_B, p_B: static bodies, then the object, which is moved.
+    near which its tip may be close to the object. R_B, p_B: static bodies, then the object's, which are moved.
     """
-    m, k, last = q.shape[0] - 1, len(holds), len(R_B) - 1
+    m, k, last = q.shape[0] - 1, len(holds), object_row(hand)
     geoms = np.max(np.diff(hand.geom_start))
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     obj, obj_p = np.zeros((1, 3, 3)), np.zeros((1, 3))
@@ -78,7 +78,7 @@ def sample_hits(
     R_WL, p_WL = np.empty((joints + 1, 3, 3)), np.empty((joints + 1, 3))
     for s in range(m + 1):
         obj[0], obj_p[0] = path.R_WO[j, s], path.p_WO[j, s]
-        place(hand, hand.object_geom, hand.object_geom + 1, obj, obj_p, R_B[last:], p_B[last:])
+        place(hand, hand.object_geom, len(hand.geoms.kind), obj, obj_p, R_B[last:], p_B[last:])
         for i in range(k):
             forward(hand.chains, i, q[s, hand.chains.start[i] : hand.chains.start[i + 1]], R_WL, p_WL)
             place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
@@ -90,7 +90,7 @@ def sample_hits(
             if hits(hand, a, k, R_G[a], p_G[a], R_B, p_B, clearance):
                 found[a, k] = 1
             if hits(hand, a, k + 1, R_G[a], p_G[a], R_B[last:], p_B[last:], clearance) or (
-                holds[a] == 0 and not near and tip_hits(hand, a, R_G[a], p_G[a], R_B[last], p_B[last], clearance)
+                holds[a] == 0 and not near and tip_hits(hand, a, R_G[a], p_G[a], R_B[last:], p_B[last:], clearance)
             ):
                 found[a, k + 1] = 1
 

@@ -183,7 +183,7 @@ def _of_world(world: World) -> Iterator[Symptom]:
             )
             yield Symptom("note", _called(model, g), what, "primitives for collision geometry would leave more room")
     yield from _of_reach(world)
-    weight = scene.object.mass * float(np.linalg.norm(scene.gravity))
+    weight = float(model.body_mass[world.object_body] * np.linalg.norm(scene.gravity))
     most = sum(agent.max_force * np.hypot(1.0, agent.friction) for agent in world.agents)
     if weight > most and not scene.carriers:
         yield Symptom(

@@ -34,11 +34,14 @@ class Links:
     crowded: tuple[str, ...]
 
 
-def links(model: mujoco.MjModel, rest: Array, pairs: Ids, object_geoms: Ids) -> Links:
-    """The mesh links of a world at rest, `rest` its qpos; pairs (n, 2): geoms that must never touch."""
+def links(model: mujoco.MjModel, rest: Array, pairs: Ids, convex: Ids) -> Links:
+    """The mesh links of a world at rest, `rest` its qpos; pairs (n, 2): geoms that must never touch.
+
+    convex: geoms that are what they are, meshes or not.
+    """
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     meshes = np.flatnonzero(solid & (model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH)))
-    shapes = {int(g): enclosing(collisions.vertices(model, int(g))) for g in meshes if g not in object_geoms}
+    shapes = {int(g): enclosing(collisions.vertices(model, int(g))) for g in meshes if g not in convex}
     if not shapes:
         return Links({}, frozenset(), (), ())
     data = mujoco.MjData(model)
@@ -51,7 +54,7 @@ def links(model: mujoco.MjModel, rest: Array, pairs: Ids, object_geoms: Ids) -> 
     said: list[str] = []
     crowded: list[str] = []
     for g, h in pairs:
-        if not {int(g), int(h)} & shapes.keys() or {int(g), int(h)} & {int(o) for o in object_geoms}:
+        if not {int(g), int(h)} & shapes.keys() or {int(g), int(h)} & {int(o) for o in convex}:
             continue
         close = [
             (a, b)

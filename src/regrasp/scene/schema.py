@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
@@ -13,6 +13,7 @@ from regrasp.scene.pose import Pose, Strict, conjugate, multiply
 from regrasp.scene.units import (
     Acceleration,
     Coordinate,
+    Density,
     Force,
     Friction,
     JointSpeed,
@@ -20,15 +21,19 @@ from regrasp.scene.units import (
     Length,
     Mass,
     Quantity,
+    Scale,
     fault,
 )
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][\w.-]*$")]
+FileName = Annotated[str, StringConstraints(min_length=1)]
+Rounding = Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")]
+Resolution = Annotated[float, Quantity("m", 1e-4, 0.1, high_hint="metres, not millimetres?")]
 Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
 FREEDOMS: tuple[Freedom, ...] = ("x", "y", "z", "rx", "ry", "rz")
 RESERVED = ("object", "palm", "world")
 NUMBERS = {"plane": "", "sphere": "radius", "ellipsoid": "semi-axes a, b, c", "capsule": "radius, half length",
-           "cylinder": "radius, half height", "box": "half extents x, y, z"}  # fmt: skip
+           "cylinder": "radius, half height", "box": "half extents x, y, z", "mesh": ""}  # fmt: skip
 ROUNDED = ("cylinder", "box")
 
 
@@ -38,16 +43,28 @@ def _check_size(shape: str, size: Sequence[float]) -> None:
         raise fault(f"size has {len(size)} numbers for a {shape}", f"legal: {NUMBERS[shape] or 'no size'}")
 
 
-class Object(Strict):
-    """The object to be moved: a solid of uniform density, frame O at its centre, z along the axis of revolution."""
+class Massive(Strict):
+    """What has a mass: given, or that of a uniform density."""
+
+    mass: Mass | None = None
+    density: Density | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.mass is None) == (self.density is None):
+            raise fault("needs mass or density, not both", "mass: in kg, or density: in kg/m³ (water 1000)")
+        return self
+
+
+class Primitive(Strict):
+    """A convex solid, frame at its centre, z along the axis of revolution."""
 
     shape: Literal["sphere", "ellipsoid", "capsule", "cylinder", "box"]
     size: tuple[Length, ...]
-    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
-    mass: Mass
+    rounding: Rounding = 0.0
 
     @model_validator(mode="after")
-    def _check(self) -> "Object":
+    def _check(self) -> Self:
         _check_size(self.shape, self.size)
         if self.shape not in ROUNDED and self.rounding > 0.0:
             raise fault(f"a {self.shape} has no edges to round", "leave rounding out")
@@ -59,18 +76,57 @@ class Object(Strict):
         return self
 
 
+class Object(Primitive, Massive):
+    """A convex object to be moved, of uniform density."""
+
+
+class Piece(Primitive):
+    """One solid of a union, at `pose` in the union's frame."""
+
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+
+class UnionObject(Massive):
+    """An object made of solids that overlap or touch, of uniform density; frame O is the one their poses count in."""
+
+    shape: Literal["union"]
+    parts: Annotated[tuple[Piece, ...], Field(min_length=1)]
+    resolution: Resolution | None = None
+
+
+class MeshObject(Massive):
+    """An object whose surface is a mesh in a file, opened by `rounding`; frame O is the file's, scaled.
+
+    resolution: m between the nodes at which the signed distance is kept.
+    """
+
+    shape: Literal["mesh"]
+    file: FileName
+    scale: Scale = 1.0
+    rounding: Length = 0.002
+    resolution: Resolution | None = None
+
+
 class Environment(Strict):
-    """A fixed body. The plane is the half space below z = 0 of its own frame."""
+    """A fixed body. The plane is the half space below z = 0 of its own frame; a mesh's frame is its file's, scaled."""
 
     name: Name
-    shape: Literal["plane", "box", "sphere", "capsule", "cylinder"]
+    shape: Literal["plane", "box", "sphere", "capsule", "cylinder", "mesh"]
     size: tuple[Length, ...] = ()
+    file: FileName | None = None
+    scale: Scale = 1.0
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
     friction: Friction | None = None
 
     @model_validator(mode="after")
     def _check(self) -> "Environment":
         _check_size(self.shape, self.size)
+        if (self.file is None) == (self.shape == "mesh"):
+            raise fault(
+                f"a {self.shape} {'needs a' if self.file is None else 'has no'} file", "shape: mesh, file: shelf.stl"
+            )
+        if self.shape != "mesh" and self.scale != 1.0:
+            raise fault(f"a {self.shape} has no scale", "its size says all")
         return self
 
 
@@ -152,6 +208,18 @@ def _supports_tag(value: Any) -> str:
     return "supports: auto" if value == "auto" else "supports: names"
 
 
+def _object_tag(value: Any) -> str:
+    shape = value.get("shape") if isinstance(value, dict) else getattr(value, "shape", None)
+    return f"object: {shape}" if shape in ("mesh", "union") else "object: solid"
+
+
+OBJECTS: dict[str, type[Strict]] = {"object: solid": Object, "object: union": UnionObject, "object: mesh": MeshObject}
+AnyObject = Annotated[
+    Annotated[Object, Tag("object: solid")]
+    | Annotated[UnionObject, Tag("object: union")]
+    | Annotated[MeshObject, Tag("object: mesh")],
+    Discriminator(_object_tag),
+]
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -190,7 +258,7 @@ class Scene(Strict):
     name: Name
     description: str = ""
     model: Model
-    object: Object
+    object: AnyObject
     agents: tuple[AgentSpec, ...] = ()
     environment: tuple[Environment, ...] = ()
     supports: Supports = ()

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, hands, mjcf, robots, solids, tips
+from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
 from regrasp.scene.forms import OwnModel
+from regrasp.scene.grids import Grid
 from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
-from regrasp.scene.schema import Environment, Scene
+from regrasp.scene.matter import Matter, add_to, assets_of, grid_of, matter_of
+from regrasp.scene.schema import Scene
 from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
@@ -22,7 +24,6 @@ Ids = NDArray[np.int64]
 
 MAX_FORCE = 10.0
 """Largest normal force of a tip where neither scene nor model says one, N."""
-ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,11 @@ class World:
     """A scene and its compiled model. All ids and addresses are those of `model`.
 
     xml, assets: the model as text with the files it needs, so that it outlives its sources. object_qpos: address of the
-    object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind`.
-    static_geoms: colliding geoms that cannot move, supports included; support_geoms, support_friction: in the order of
-    `scene.carriers`. collision_pairs: geom ids (n, 2) that must never touch.
+    object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind` and
+    `matter.MESH`; matter: all that the object is made of. static_geoms: colliding geoms that cannot move, supports included;
+    fixture_geoms: those of the environment;
+    support_names, support_geoms, support_friction: in the order of `scene.carriers`, each convex part of one of its own.
+    collision_pairs: geom ids (n, 2) that must never touch.
     """
 
     scene: Scene
@@ -74,11 +77,19 @@ class World:
     object_geoms: Ids
     object_kind: int
     object_size: Array
+    matter: Matter
     agents: tuple[Agent, ...]
     static_geoms: Ids
+    fixture_geoms: Ids
+    support_names: tuple[str, ...]
     support_geoms: Ids
     support_friction: Array
     collision_pairs: Ids
+
+    @cached_property
+    def object_grid(self) -> Grid | None:
+        """The signed distance to the object's surface, where no closed form gives it."""
+        return grid_of(self.scene.object, self.assets)
 
     @cached_property
     def joint_qpos(self) -> Ids:
@@ -92,13 +103,14 @@ class World:
 
     @cached_property
     def repairs(self) -> tuple[str, ...]:
-        """What was put right in a robot of one's own, each in a sentence."""
-        return robots.repairs(self.model)
+        """What was put right in a robot of one's own and in the object's mesh, each in a sentence."""
+        return (*robots.repairs(self.model), *(f"the object's mesh: {remark}" for remark in self.matter.remarks))
 
     @cached_property
     def links(self) -> Links:
         """The shapes that planning takes for links that are meshes."""
-        return links(self.model, self.start, self.collision_pairs, self.object_geoms)
+        convex = np.concatenate([self.object_geoms, self.fixture_geoms])
+        return links(self.model, self.start, self.collision_pairs, convex)
 
     @cached_property
     def start(self) -> Array:
@@ -124,36 +136,31 @@ def build(scene: Scene) -> World:
     spec.option.impratio = 10
     spec.option.noslip_iterations = 10
     hands.attach(spec, scene)
+    described = {**assets_of(scene.object), **fixtures.assets_of(scene.environment)}
     for body in scene.environment:
-        _add_environment(spec, body)
+        fixtures.add(spec, body, described)
     start = scene.start.pose
     thing = spec.worldbody.add_body(name="object", pos=start.p, quat=start.wxyz)
     thing.add_freejoint(name="object")
-    solids.add_geoms(thing, scene.object)
+    add_to(spec, thing, scene.object, matter_of(scene.object, described))
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
     for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
         for piece in finger.pieces:
             _set_friction(spec.geom(piece), friction)
-    for name, friction in zip(scene.carriers, _support_friction(scene), strict=True):
-        _set_friction(spec.geom(name), friction)
+    names = [geom.name for geom in spec.geoms]
+    for carrier, friction in zip(scene.carriers, _support_friction(scene), strict=True):
+        for name in fixtures.parts(carrier, names):
+            _set_friction(spec.geom(name), friction)
     try:
         xml = mjcf.text(spec)
     except ValueError as error:
         raise InputError("model", f"MuJoCo cannot compile it: {' '.join(str(error).split())}") from None
-    return _world(scene, xml, dict(spec.assets))
+    return _world(scene, xml, {**spec.assets, **described})
 
 
 def from_plan(scene: Mapping[str, Any], xml: str, assets: Mapping[str, bytes]) -> World:
     """The world stored in a plan: the same model and names, without any source file."""
     return _world(validate(dict(scene)), xml, assets)
-
-
-def _add_environment(spec: mujoco.MjSpec, body: Environment) -> None:
-    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
-    size = [1.0, 1.0, 0.05] if body.shape == "plane" else [*body.size, 0.0, 0.0][:3]
-    spec.worldbody.add_geom(
-        name=body.name, type=kind, size=size, pos=body.pose.p, quat=body.pose.wxyz, rgba=ENVIRONMENT_COLOUR
-    )
 
 
 def _set_friction(geom: mujoco.MjsGeom, friction: float) -> None:
@@ -180,9 +187,12 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     static = (model.body_weldid[model.geom_bodyid] == 0) & colliding
     object_body = model.body("object").id
     object_geoms = np.flatnonzero(model.geom_bodyid == object_body)
-    supports = np.array([model.geom(name).id for name in scene.carriers], dtype=np.int64)
+    names = [model.geom(g).name for g in range(model.ngeom)]
+    carried = [(part, mu) for name, mu in zip(scene.carriers, _support_friction(scene), strict=True)
+               for part in fixtures.parts(name, names)]  # fmt: skip
+    supports = np.array([model.geom(name).id for name, _ in carried], dtype=np.int64)
     touching = np.concatenate([agent.tip_geoms for agent in agents])
-    kind, size = solids.kind(scene.object)
+    matter = matter_of(scene.object, assets)
     return World(
         scene=scene,
         model=model,
@@ -191,12 +201,17 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
         object_body=object_body,
         object_qpos=int(model.joint("object").qposadr[0]),
         object_geoms=object_geoms,
-        object_kind=kind,
-        object_size=size,
+        object_kind=matter.kind,
+        object_size=matter.size,
+        matter=matter,
         agents=agents,
         static_geoms=np.flatnonzero(static),
+        fixture_geoms=np.array(
+            [model.geom(part).id for body in scene.environment for part in fixtures.parts(body.name, names)], np.int64
+        ),
+        support_names=tuple(name for name, _ in carried),
         support_geoms=supports,
-        support_friction=np.array(_support_friction(scene)),
+        support_friction=np.array([mu for _, mu in carried]),
         collision_pairs=collisions.pairs(model, touching, object_geoms, supports),
     )
 

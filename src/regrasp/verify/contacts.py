@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.plan import NONE, RELOCATE, Plan
+from regrasp.scene import solids
 from regrasp.scene.world import World
 from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, unit
+from regrasp.verify.skin import Surface, Tip
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -56,7 +58,10 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     k = len(world.agents)
     gap, p_O, n_O = (np.full((N, S, k, *shape), np.nan) for shape in ((), (3,), (3,)))
     contacts = Contacts(gap, p_O, n_O, np.zeros((N, S, k), dtype=bool))
-    round_edges = world.scene.object.shape == "cylinder"
+    if world.matter.skin is not None:
+        _on_skin(plan, world, motion, Surface(world.matter.skin), contacts)
+        return contacts
+    rims = {float(part.size[3]) for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")}
     data = mujoco.MjData(world.model)
     n_stated = unit(fine(plan.n_O, motion.K))
     for j in range(N):
@@ -71,8 +76,21 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
                 capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                contacts.rim[j, s, a] = round_edges and capsule
+                contacts.rim[j, s, a] = capsule and float(world.model.geom_size[geom, 0]) in rims
     return contacts
+
+
+def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contacts: Contacts) -> None:
+    """`measure` where the object is a mesh."""
+    n_stated = unit(fine(plan.n_O, motion.K))
+    for j, a in np.argwhere(touching(plan)):
+        agent = world.agents[a]
+        for s in range(motion.time.shape[1]):
+            R_OT, p_OT = motion.R_OT[j, s, a], motion.p_OT[j, s, a]
+            contacts.gap[j, s, a] = surface.nearest(Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT))[0]
+            aside = Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT + BACKOFF * n_stated[j, s, a])
+            _, contacts.p_O[j, s, a] = surface.nearest(aside)
+            contacts.n_O[j, s, a] = aside.normal(contacts.p_O[j, s, a])
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
@@ -107,7 +125,7 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     points, normals = fine(plan.support_p_O, motion.K), unit(fine(plan.support_n_W, motion.K))
     used = plan.support_mode != NONE
     for j, p in zip(*np.nonzero(used), strict=True):
-        at = world.scene.carriers.index(plan.support_names[p])
+        at = world.support_names.index(plan.support_names[p])
         bodies = (world.support_geoms[at : at + 1], world.object_geoms)
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]

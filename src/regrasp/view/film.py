@@ -1,5 +1,6 @@
 """What happened to a plan in physics: frames of an execution side by side with its curves, or a moving picture."""
 
+import itertools
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -187,15 +188,15 @@ def _state(world: World, run: Execution, pose: Array, contact: Array, row: int, 
             arrows.append(Arrow(p, f, PLANNED, 1.5))
     for agent, f in zip(world.agents, run.force_W[row], strict=True):
         if np.linalg.norm(f) > LEAST * largest:
-            arrows.append(Arrow(_touch(world, data, agent.tip_geom), f, AGENT_FORCE))
+            arrows.append(Arrow(_touch(world, data, agent.tip_geoms), f, AGENT_FORCE))
     return State(run.qpos[row], int(run.interval[row]), tuple(arrows), planned=pose[row])
 
 
-def _touch(world: World, data: mujoco.MjData, tip: int) -> Array:
+def _touch(world: World, data: mujoco.MjData, tip: NDArray[np.int64]) -> Array:
     """The point of the object nearest to a tip, W."""
-    best, ends, point = np.inf, np.empty(6), data.geom_xpos[tip].copy()
-    for geom in world.object_geoms:
-        distance = mujoco.mj_geomDistance(world.model, data, tip, int(geom), world.model.stat.extent, ends)
+    best, ends, point = np.inf, np.empty(6), data.geom_xpos[tip[0]].copy()
+    for piece, geom in itertools.product(tip, world.object_geoms):
+        distance = mujoco.mj_geomDistance(world.model, data, piece, geom, world.model.stat.extent, ends)
         if distance < best:
             best, point = distance, ends[3:].copy()
     return point
