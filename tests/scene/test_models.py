@@ -17,6 +17,7 @@ CLAW = Path(__file__).parents[2] / "examples" / "claw" / "claw.urdf"
 LINK = """<link name="{name}"><collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>{more}</link>"""
 JOINT = """<joint name="{name}" type="{type}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>
 <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="{effort}" velocity="{speed}"/></joint>"""
+BALL = '<sphere radius="0.02"/>'
 BOX = '<box size="0.02 0.02 0.1"/>'
 VERTICES = np.array([[x, y, z] for x in (-0.01, 0.01) for y in (-0.02, 0.02) for z in (0.0, 0.08)])
 
@@ -190,32 +191,60 @@ def world(file: Path, text: str, **agent: object) -> World:
 
 
 def test_speeds_come_from_the_urdf_unless_the_scene_says_them_and_outlive_it(tmp_path: Path) -> None:
-    made = world(tmp_path / "r.urdf", robot(speed=1.25))
+    made = world(tmp_path / "r.urdf", robot(BALL, speed=1.25))
     again = from_plan(made.scene.model_dump(mode="json"), made.xml, made.assets)
     for each in (made, again):
         assert each.agents[0].speed.tolist() == [3.0, 1.25]
-    assert world(tmp_path / "r.urdf", robot(speed=0.0)).agents[0].speed.tolist() == [3.0, 2.0]
-    assert world(tmp_path / "r.urdf", robot(), speed=0.5).agents[0].speed.tolist() == [0.5, 0.5]
+    assert world(tmp_path / "r.urdf", robot(BALL, speed=0.0)).agents[0].speed.tolist() == [3.0, 2.0]
+    assert world(tmp_path / "r.urdf", robot(BALL), speed=0.5).agents[0].speed.tolist() == [0.5, 0.5]
 
 
 def test_repairs_outlive_the_file(tmp_path: Path) -> None:
-    text = robot(
-        BOX, f"<visual><geometry>{mesh('<none> & co.stl'.replace('<', '(').replace('&', 'and'))}</geometry></visual>"
-    )
+    text = robot(BALL, f"<visual><geometry>{mesh('skin &amp; bone.stl')}</geometry></visual>")
     made = world(tmp_path / "r.urdf", text)
     again = from_plan(made.scene.model_dump(mode="json"), made.xml, made.assets)
     assert made.repairs == again.repairs
-    assert any("left out" in said for said in made.repairs)
+    assert "mesh 'skin & bone.stl' is not found: left out, it is for the eye only" in made.repairs
 
 
 def test_neighbours_that_overlap_at_rest_never_collide_and_others_do(tmp_path: Path) -> None:
     """The arm stands in the sphere of the base, the hand is clear of it at rest."""
-    made = world(tmp_path / "r.urdf", robot())
+    made = world(tmp_path / "r.urdf", robot(BALL))
     (said,) = [said for said in made.repairs if "never collide" in said]
     assert re.fullmatch(r"bodies 'base' and 'arm', neighbours, overlap by \d+\.\d mm at rest: never collide", said)
     pairs = {frozenset(made.model.body(made.model.geom_bodyid[g]).name for g in pair) for pair in made.collision_pairs}
     assert frozenset(("robot/base", "robot/arm")) not in pairs
     assert frozenset(("robot/base", "robot/hand")) in pairs
+
+
+LOOP = """<mujoco><worldbody>
+  <body name="arm"><joint name="turn" axis="0 1 0"/><geom name="tip" size="0.01" pos="0.1 0 0"/></body>
+  <body name="one" pos="0 0.3 0"><joint name="a"/><geom size="0.01"/>
+    <body name="two"><joint name="b"/><geom size="0.01"/></body></body>
+  </worldbody><equality>{}</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("bond", "binds"),
+    [
+        ('<joint joint1="a" joint2="b"/>', ""),
+        ('<connect body1="one" body2="two" anchor="0 0 0"/>', ""),
+        ('<joint joint1="turn" joint2="b"/>', "'turn' and 'b'"),
+        ('<weld body1="two" body2="arm"/>', "'two' and 'arm'"),
+    ],
+)
+def test_a_closed_loop_is_refused_where_it_binds_an_agent(tmp_path: Path, bond: str, binds: str) -> None:
+    (tmp_path / "r.xml").write_text(LOOP.format(bond))
+    pose = {"pose": {"position": [0, 0, 0.3]}}
+    scene = validate({
+        "name": "r", "model": {"file": str(tmp_path / "r.xml")}, "agents": [{"name": "a", "tip": "tip"}],
+        "object": {"shape": "sphere", "size": [0.03], "mass": 0.1}, "start": pose, "goal": pose,
+    })  # fmt: skip
+    if not binds:
+        assert build(scene).model.neq == 0
+        return
+    with pytest.raises(InputError, match=f"model: an equality constraint binds {binds}"):
+        build(scene)
 
 
 def test_a_joint_of_no_agent_rests_where_its_range_is_nearest_to_zero(tmp_path: Path) -> None:

@@ -96,8 +96,10 @@ def _of_robot(robot: Robot) -> Iterator[Symptom]:
     yield from _of_joints(model)
     yield from _of_sizes(model)
     for equality in robot.spec.equalities:
-        what = f"equality constraint {equality.name or equality.type.name.removeprefix('mjEQ_').lower()!r}"
-        yield Symptom("error", "model", what, "agents are open chains of hinges and slides")
+        who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
+        yield Symptom(
+            "warning", who, "bound by an equality constraint: not to be in an agent's chain", "free joints there"
+        )
     option = model.opt
     weak = [
         word
