@@ -133,8 +133,8 @@ def contact(job: Job, repeats: int) -> Row:
 
     def ours(count: int) -> None:
         loops.contacts(
-            hand.kind_O, hand.size_O, hand.kind_T[0], hand.size_T[0], command, SUBSTEPS, p, c, R, x,
-            p_end, c_end, R_end, x_end, count,
+            hand.kind_O, hand.size_O, hand.kind_T[0], hand.size_T[0], hand.grids, command, SUBSTEPS,
+            p, c, R, x, p_end, c_end, R_end, x_end, count,
         )  # fmt: skip
 
     def plain(count: int) -> None:

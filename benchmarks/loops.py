@@ -11,6 +11,7 @@ from regrasp.kernels.basis import Program
 from regrasp.kernels.chains import Chains, forward, jacobian
 from regrasp.kernels.contact import advance
 from regrasp.kernels.distances import distance
+from regrasp.kernels.grids import Grids
 from regrasp.kernels.inverse import inverse
 from regrasp.kernels.simplex import solve
 from regrasp.kernels.wrist import Wrists, solve_all, solve_near
@@ -68,14 +69,14 @@ def all_solutions(
 
 @njit(nogil=True)
 def contacts(
-    kind_O: int, size_O: Array, kind_T: int, size_T: Array, command: Array, substeps: int,
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, command: Array, substeps: int,
     p: Array, c: Array, R: Array, x: Array, p_end: Array, c_end: Array, R_end: Array, x_end: Array, count: int,
 ) -> None:  # fmt: skip
     """Contact motions from the starts p, c, R, x (N, …) to the ends."""
     for pass_ in range(count):
         s = pass_ % len(p)
         p_end[s], c_end[s], R_end[s], x_end[s] = p[s], c[s], R[s], x[s]
-        advance(kind_O, size_O, kind_T, size_T, command, substeps, p_end[s], c_end[s], R_end[s], x_end[s])
+        advance(kind_O, size_O, kind_T, size_T, grids, command, substeps, p_end[s], c_end[s], R_end[s], x_end[s])
 
 
 @njit(nogil=True)

@@ -111,7 +111,10 @@ def test_reference_contact_is_the_kernel_in_the_limit(paper_job):
     for steps in (2, 64):
         p, c, R, x = p0.copy(), np.array([0.0, 0.0, -r]), np.eye(3), x0.copy()
         size = np.array([r, 0.0, 0.0, 0.0])
-        assert advance(hand.kind_O, hand.size_O, hand.kind_T[0], size, command_, np.int64(steps), p, c, R, x) == OK
+        assert (
+            advance(hand.kind_O, hand.size_O, hand.kind_T[0], size, hand.grids, command_, np.int64(steps), p, c, R, x)
+            == OK
+        )
         errors.append(np.linalg.norm(p - far))
     assert errors[1] < 1e-8
     assert errors[1] < 0.01 * errors[0]

@@ -42,6 +42,7 @@ def table(world: World, q, qd, force, where) -> Reference:
     return Reference(
         0.002, 0.0, 0, 0, 0, np.zeros(1, int), q[None], qd[None], np.array([pose.p]), np.array([pose.R]),
         np.ones((1, k), bool), np.zeros((1, k), bool), force[None], where[None], np.zeros((1, k, 3)),
+        np.eye(6)[None],
     )  # fmt: skip
 
 

@@ -10,11 +10,28 @@ SETTINGS = Feedback(period=0.02, rate=3.0, smoothing=0.1, reach=0.015, bend=0.35
 ON, OFF = np.array([True, True]), np.array([True, False])
 
 
-def run(error, count: int, bears=ON, follows: bool = True, settings: Feedback = SETTINGS, state: State | None = None):
+def run(
+    error,
+    count: int,
+    bears=ON,
+    follows: bool = True,
+    settings: Feedback = SETTINGS,
+    state: State | None = None,
+    free=None,
+):
     """States after each of `count` measurements of a constant error."""
     states = [state or init(2)]
     for _ in range(count):
-        states.append(step(settings, states[-1], np.asarray(error, dtype=float), bears, follows))
+        states.append(
+            step(
+                settings,
+                states[-1],
+                np.asarray(error, dtype=float),
+                bears,
+                follows,
+                np.eye(6) if free is None else free,
+            )
+        )
     return states
 
 
@@ -54,6 +71,14 @@ def test_the_correction_grows_at_its_rate_against_the_error():
         np.testing.assert_allclose(state.c, -SETTINGS.rate * SETTINGS.period * n * error, atol=1e-15)
 
 
+def test_errors_that_supports_bar_are_not_corrected():
+    lifts = np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    error = np.array([1e-3, -2e-3, 5e-4, 0.01, 0.005, -0.02])
+    last = run(error, 30, free=lifts)[-1].c
+    np.testing.assert_allclose(last, run(lifts @ error, 30)[-1].c, atol=1e-15)
+    assert not last[[2, 3, 4]].any()
+
+
 def test_the_correction_stops_at_its_limits_and_keeps_its_direction():
     error = np.array([3e-3, -4e-3, 0.0, 0.2, 0.0, 0.1])
     last = run(error, 500)[-1].c
@@ -82,7 +107,7 @@ def test_noise_averages_out(rate):
     rng, sigma, d = np.random.default_rng(3), 1e-3, np.array([2e-3, 0, -1e-3, 0.01, 0, 0])
     state, seen = init(2), []
     for n in range(20000):
-        state = step(settings, state, d + state.c + sigma * rng.standard_normal(6), ON, True)
+        state = step(settings, state, d + state.c + sigma * rng.standard_normal(6), ON, True, np.eye(6))
         if n > 2000:
             seen.append(state.c)
     a = rate * settings.period
@@ -96,7 +121,7 @@ def test_a_constant_displacement_is_taken_back_exponentially():
     d, state = np.array([4e-3, 0, 0, 0, 0.1, 0]), init(2)
     for n in range(100):
         np.testing.assert_allclose(d + state.c, d * (1 - SETTINGS.rate * SETTINGS.period) ** n, atol=1e-14)
-        state = step(SETTINGS, state, d + state.c, ON, True)
+        state = step(SETTINGS, state, d + state.c, ON, True, np.eye(6))
 
 
 def test_a_finger_off_the_object_follows_what_is_seen():
@@ -121,7 +146,7 @@ def test_touch_down_keeps_the_fingers_place():
     own = state.own[1].copy()
     assert np.linalg.norm(own) > 1e-3
     for _ in range(20):
-        after = step(SETTINGS, state, 1e-3 * rng.standard_normal(6), ON, True)
+        after = step(SETTINGS, state, 1e-3 * rng.standard_normal(6), ON, True, np.eye(6))
         np.testing.assert_array_equal(after.own[1], own)
         np.testing.assert_allclose((after.c + after.own[1]) - (state.c + state.own[1]), after.c - state.c, atol=1e-16)
         state = after

@@ -8,6 +8,7 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.contact import FLAT, LOST, OK, advance, contact_rates, settle
+from regrasp.kernels.grids import NO_GRIDS
 from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, PLANE, SPHERE, implicit, project, tangents
 
 
@@ -36,15 +37,15 @@ pairs = pytest.mark.parametrize(("surface_O", "surface_T"), PAIRS.values(), ids=
 
 def normal(surface, p):
     g = np.empty(3)
-    F = implicit(*surface, np.asarray(p), g, np.empty((3, 3)))
+    F = implicit(*surface, NO_GRIDS, np.asarray(p), g, np.empty((3, 3)))
     return F / np.linalg.norm(g), g / np.linalg.norm(g)
 
 
 def contact(surface_O, surface_T, near_O, near_T, yaw=0.0):
     """The state (p_OC, p_TC, R_OT, x_O) with the points next to near_O and near_T in contact."""
     p, c, n, n_T, x, y, x_T, y_T = np.empty((8, 3))
-    project(*surface_O, np.array(near_O, dtype=float), p, n)
-    project(*surface_T, np.array(near_T, dtype=float), c, n_T)
+    project(*surface_O, NO_GRIDS, np.array(near_O, dtype=float), p, n)
+    project(*surface_T, NO_GRIDS, np.array(near_T, dtype=float), c, n_T)
     tangents(n, x, y)
     tangents(n_T, x_T, y_T)
     turned = np.stack((x, -y, -n), axis=1)  # the tip's normal against the object's
@@ -54,7 +55,7 @@ def contact(surface_O, surface_T, near_O, near_T, yaw=0.0):
 
 def move(surface_O, surface_T, state, command, substeps):
     p, c, R, x = (a.copy() for a in state)
-    status = advance(*surface_O, *surface_T, np.asarray(command, dtype=float), substeps, p, c, R, x)
+    status = advance(*surface_O, *surface_T, NO_GRIDS, np.asarray(command, dtype=float), substeps, p, c, R, x)
     return status, (p, c, R, x)
 
 
@@ -92,7 +93,7 @@ def test_rates_are_the_finite_differences_of_the_contact_of_two_moving_bodies(su
     n = normal(surface_O, p)[1]
     v = 0.02 * np.cross(n, rng.normal(size=3))
     pdot, cdot = np.empty(3), np.empty(3)
-    assert contact_rates(*surface_O, *surface_T, p, c, R, w, v, pdot, cdot) == OK
+    assert contact_rates(*surface_O, *surface_T, NO_GRIDS, p, c, R, w, v, pdot, cdot) == OK
 
     def contact_at(t):
         # Nearest points of the two bodies: on the surfaces, joined along the normals, which oppose.
@@ -296,7 +297,7 @@ def test_ball_rolls_over_the_edge_of_a_box(turn, substeps):
 def test_contact_along_a_line_or_a_face_is_reported(surface_O, surface_T, near_O, near_T):
     state = contact(surface_O, surface_T, near_O, near_T)
     w, v = np.array([0.1, 0.2, 0.3]), np.zeros(3)
-    assert contact_rates(*surface_O, *surface_T, *state[:3], w, v, np.empty(3), np.empty(3)) == FLAT
+    assert contact_rates(*surface_O, *surface_T, NO_GRIDS, *state[:3], w, v, np.empty(3), np.empty(3)) == FLAT
     status, end = move(surface_O, surface_T, state, [0.1, 0.2, 0.0, 0.0], 12)
     assert status == FLAT
     for a, b in zip(end, state, strict=True):
@@ -311,7 +312,7 @@ def test_settle_rolls_the_contact_to_where_the_normals_oppose(surface_O, surface
     n = normal(surface_O, p)[1]
     p_end, c_end = p + 1e-3 * angle * n, c.copy()
     kept = turned.copy()
-    status, gap = settle(*surface_O, *surface_T, p_end, c_end, turned)
+    status, gap = settle(*surface_O, *surface_T, NO_GRIDS, p_end, c_end, turned)
     assert status == OK
     assert gap == pytest.approx(angle, rel=2e-3)
     np.testing.assert_array_equal(turned, kept)
@@ -323,11 +324,11 @@ def test_settle_gives_up_without_touching_the_contact():
     p, c, R, x = contact(FLOOR, BALL, [0.0, 0.0, 0.0], [0.0, 0.0, -1.0])
     before = p.copy(), c.copy()
     facing_away = Rotation.from_rotvec(math.pi * x).as_matrix() @ R
-    assert settle(*FLOOR, *BALL, p, c, facing_away)[0] == LOST
+    assert settle(*FLOOR, *BALL, NO_GRIDS, p, c, facing_away)[0] == LOST
     np.testing.assert_array_equal(p, before[0])
     np.testing.assert_array_equal(c, before[1])
 
 
 def test_settle_cannot_turn_a_face_onto_a_face():
     p, c, R, x = contact(FLOOR, BRICK, [0.0, 0.0, 0.0], [0.0, 0.0, -1.0])
-    assert settle(*FLOOR, *BRICK, p, c, Rotation.from_rotvec(1e-3 * x).as_matrix() @ R)[0] == FLAT
+    assert settle(*FLOOR, *BRICK, NO_GRIDS, p, c, Rotation.from_rotvec(1e-3 * x).as_matrix() @ R)[0] == FLAT

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad
 from scipy.spatial import cKDTree
 
+from regrasp.kernels.grids import NO_GRIDS
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.surfaces import (
     BOX,
@@ -46,19 +47,19 @@ every = pytest.mark.parametrize(("kind", "dimensions"), ALL.values(), ids=ALL)
 
 def foot_of(kind, dimensions, p):
     foot, n = np.empty(3), np.empty(3)
-    return project(kind, dimensions, np.array(p, dtype=float), foot, n), foot, n
+    return project(kind, dimensions, NO_GRIDS, np.array(p, dtype=float), foot, n), foot, n
 
 
 def value(kind, dimensions, p):
     g, H = np.empty(3), np.empty((3, 3))
-    return implicit(kind, dimensions, np.array(p, dtype=float), g, H), g, H
+    return implicit(kind, dimensions, NO_GRIDS, np.array(p, dtype=float), g, H), g, H
 
 
 def around(kind, dimensions):
     """Points on, outside and inside a surface: samples, poles, and either side of every seam."""
     if kind == PLANE:
         return np.random.default_rng(1).normal(size=(20, 3))
-    on = list(sample(kind, dimensions, 60)[0])
+    on = list(sample(kind, dimensions, NO_GRIDS, 60)[0])
     r = dimensions[3] if kind in (CYLINDER, BOX) else dimensions[dimensions > 0.0].min()
     poles = np.concatenate((np.eye(3), -np.eye(3))) * 0.3
     seams = {
@@ -104,7 +105,7 @@ def test_signed_distances_have_unit_gradients_and_their_sign_is_the_side(kind, d
 
 def principal(kind, dimensions, p):
     n, S = np.empty(3), np.empty((3, 3))
-    shape_operator(kind, dimensions, np.array(p, dtype=float), n, S)
+    shape_operator(kind, dimensions, NO_GRIDS, np.array(p, dtype=float), n, S)
     np.testing.assert_allclose(S @ n, 0.0, atol=1e-12 * max(1.0, np.abs(S).max()))
     np.testing.assert_allclose(n @ S, 0.0, atol=1e-12 * max(1.0, np.abs(S).max()))
     x, y = np.empty(3), np.empty(3)
@@ -156,13 +157,13 @@ def test_projection_is_idempotent_and_its_offset_normal(kind, dimensions):
         assert abs(again) < 1e-15 * scale
         np.testing.assert_allclose(second, foot, atol=2e-15 * scale)
         in_place = p.copy()
-        assert project(kind, dimensions, in_place, in_place, n) == d
+        assert project(kind, dimensions, NO_GRIDS, in_place, in_place, n) == d
         np.testing.assert_array_equal(in_place, foot)
 
 
 @closed
 def test_signed_distance_against_brute_force(kind, dimensions):
-    cloud, normals = sample(kind, dimensions, 4000)
+    cloud, normals = sample(kind, dimensions, NO_GRIDS, 4000)
     tree = cKDTree(cloud)
     rng = np.random.default_rng(2)
     box = np.abs(cloud).max(axis=0)
@@ -255,17 +256,17 @@ def areas(kind, dimensions):
 @closed
 @pytest.mark.parametrize("count", [1, 7, 100, 1000])
 def test_samples_lie_on_the_surface_apart_and_without_holes(kind, dimensions, count):
-    points, normals = sample(kind, dimensions, count)
+    points, normals = sample(kind, dimensions, NO_GRIDS, count)
     assert points.shape == normals.shape == (count, 3)
     for p, n in zip(points, normals, strict=True):
         F, g, _ = value(kind, dimensions, p)
         assert abs(F) < 1e-14 * np.linalg.norm(g)
         np.testing.assert_allclose(n, g / np.linalg.norm(g), atol=1e-9)
-    np.testing.assert_array_equal(sample(kind, dimensions, count)[0], points)
+    np.testing.assert_array_equal(sample(kind, dimensions, NO_GRIDS, count)[0], points)
     if count >= 100:
         spacing = math.sqrt(areas(kind, dimensions)[0] / count)
         tree = cKDTree(points)
-        assert tree.query(sample(kind, dimensions, 7777)[0])[0].max() < 1.1 * spacing
+        assert tree.query(sample(kind, dimensions, NO_GRIDS, 7777)[0])[0].max() < 1.1 * spacing
         if kind != BOX:  # whose patches each have a lattice of their own, so that points may be close across a seam
             assert tree.query(points, 2)[0][:, 1].min() > 0.4 * spacing
 
@@ -273,7 +274,7 @@ def test_samples_lie_on_the_surface_apart_and_without_holes(kind, dimensions, co
 @closed
 def test_each_region_has_its_share_of_samples_by_area(kind, dimensions):
     count = 4000
-    points, normals = sample(kind, dimensions, count)
+    points, normals = sample(kind, dimensions, NO_GRIDS, count)
     whole, part, within = areas(kind, dimensions)
     assert np.mean(within(points, normals)) == pytest.approx(part / whole, abs=0.003)
     octants = np.bincount((points > 0.0) @ [1, 2, 4], minlength=8) / count
@@ -283,4 +284,4 @@ def test_each_region_has_its_share_of_samples_by_area(kind, dimensions):
 @pytest.mark.parametrize(("kind", "count"), [(PLANE, 10), (SPHERE, 0), (17, 10)])
 def test_sampling_refuses_what_has_no_samples(kind, count):
     with pytest.raises(ValueError, match="cannot sample"):
-        sample(kind, size(0.1, 0.1, 0.1), count)
+        sample(kind, size(0.1, 0.1, 0.1), NO_GRIDS, count)

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from regrasp.kernels.contact import OK, advance, contact_rates
+from regrasp.kernels.grids import NO_GRIDS
 from regrasp.kernels.surfaces import CYLINDER, ELLIPSOID, PLANE, SPHERE
 
 
@@ -113,7 +114,7 @@ def test_contact_equations(tip, obj, seed):
     w_O, v_O = frame @ w, frame[:, :2] @ v
     rates = equations(tip, obj, q, w, v)
     pdot, cdot = np.empty(3), np.empty(3)
-    assert contact_rates(*obj.surface, *tip.surface, p, c, R, w_O, v_O, pdot, cdot) == OK
+    assert contact_rates(*obj.surface, *tip.surface, NO_GRIDS, p, c, R, w_O, v_O, pdot, cdot) == OK
     _, f_u, f_v, *_ = tip.derivatives(*q[:2])
     np.testing.assert_allclose(cdot, f_u * rates[0] + f_v * rates[1], atol=1e-14)
     _, f_u, f_v, *_ = obj.derivatives(*q[2:4])
@@ -149,7 +150,7 @@ def test_integrated_motion(tip, obj, seed, kind):
 
     p, c, R = state(tip, obj, q)
     x = axis(q, phi)
-    assert advance(*obj.surface, *tip.surface, np.concatenate((turn, slip)), 400, p, c, R, x) == OK
+    assert advance(*obj.surface, *tip.surface, NO_GRIDS, np.concatenate((turn, slip)), 400, p, c, R, x) == OK
     p_end, c_end, R_end = state(tip, obj, end[:5])
     np.testing.assert_allclose(p, p_end, atol=3e-8)
     np.testing.assert_allclose(c, c_end, atol=3e-8)
@@ -173,7 +174,7 @@ def test_published_equations_of_a_ball_rolling_on_a_plane(seed):
     p, c, R = state(ball, plane, q)
     pdot, cdot = np.empty(3), np.empty(3)
     w_O = R @ ball.forms(*q[:2])[1] @ [w_x, w_y, 0.0]
-    assert contact_rates(*plane.surface, *ball.surface, p, c, R, w_O, np.zeros(3), pdot, cdot) == OK
+    assert contact_rates(*plane.surface, *ball.surface, NO_GRIDS, p, c, R, w_O, np.zeros(3), pdot, cdot) == OK
     np.testing.assert_allclose(pdot, [*published[2:4], 0.0], atol=1e-14)
     _, f_u, f_v, *_ = ball.derivatives(*q[:2])
     np.testing.assert_allclose(cdot, f_u * published[0] + f_v * published[1], atol=1e-14)

@@ -79,7 +79,7 @@ class Distances:
 
     def __init__(self, t: Task) -> None:
         self.oracle, self.home = Oracle(t), t.hand.home
-        ids = {place: geom for geom, place in geom_index(t.world).items()}
+        ids = {place: geom for geom, places in geom_index(t.world).items() for place in places}
         self.ids = [ids[int(place)] for place in t.router.around.geom]
 
     def __call__(self, R: Array, p: Array) -> Array:

@@ -1,5 +1,7 @@
 """Kernel arrays of a MuJoCo model: MuJoCo's own kinematics are the oracle, on random trees."""
 
+from collections.abc import Iterable
+
 import mujoco
 import numpy as np
 import pytest
@@ -57,6 +59,11 @@ def two_agents(seed: int) -> tuple[mujoco.MjModel, list[list[int]], list[int], i
     return model, joints, [model.geom("a_tip").id, model.geom("b_tip").id], model.body("object").id
 
 
+def whole(geoms: Iterable[int]) -> list[tuple[int, int]]:
+    """The parts of geoms for none of which other shapes stand."""
+    return [(g, 0) for g in geoms]
+
+
 def frames(chains, a: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     R_WL, p_WL = np.full((len(q) + 1, 3, 3), np.nan), np.full((len(q) + 1, 3), np.nan)
     forward(chains, a, q, R_WL, p_WL)
@@ -87,7 +94,7 @@ def test_forward_and_jacobian_are_mujocos(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_every_geom_stands_where_mujoco_has_it(seed: int) -> None:
     model, joints, tips, body = two_agents(seed)
-    chains, geoms = chains_from(model, joints, tips), geoms_from(model, range(model.ngeom), joints, body)
+    chains, geoms = chains_from(model, joints, tips), geoms_from(model, whole(range(model.ngeom)), joints, body, {})
     data = mujoco.MjData(model)
     data.qpos[:] = np.random.default_rng(seed).uniform(-2, 2, model.nq)
     mujoco.mj_kinematics(model, data)
@@ -133,7 +140,7 @@ def test_limits_come_in_the_order_of_the_joints() -> None:
 def test_sizes(type_: str, size: str, kind: int, core: list[float], radius: float, bound: float) -> None:
     geom = f'<geom type="{type_}" size="{size}"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geom}</worldbody></mujoco>")
-    geoms = geoms_from(model, [0], [], -1)
+    geoms = geoms_from(model, whole([0]), [], -1, {})
     assert geoms.kind[0] == kind
     np.testing.assert_allclose(geoms.core[0], core)
     np.testing.assert_allclose([geoms.radius[0], geoms.bound[0]], [radius, bound])
@@ -165,6 +172,6 @@ def test_a_wrong_chain_is_refused_by_name(joints: list[str], type_: str, named: 
 def test_a_geom_without_a_kernel_or_an_owner_is_refused_by_name() -> None:
     model = mujoco.MjModel.from_xml_string(ARM.format(first="shoulder", type="hinge", geom="shell"))
     with pytest.raises(InputError, match=r"geom shell.*mesh.*sphere, capsule"):
-        geoms_from(model, [model.geom("shell").id], [], -1)
+        geoms_from(model, whole([model.geom("shell").id]), [], -1, {})
     with pytest.raises(InputError, match=r"joint elbow.*no agent"):
-        geoms_from(model, [model.geom("tip").id], [[0, 1]], -1)
+        geoms_from(model, whole([model.geom("tip").id]), [[0, 1]], -1, {})

@@ -36,7 +36,7 @@ class Contacts:
 def random_contacts(a: Arc, rng: np.random.Generator) -> Contacts:
     """Agents anywhere on the object, two or more of them bearing, about a third of them sliding."""
     k = len(a.task.names)
-    points, normals = sample(a.hand.kind_O, a.hand.size_O, 60)
+    points, normals = sample(a.hand.kind_O, a.hand.size_O, a.hand.grids, 60)
     chosen = rng.integers(60, size=k)
     n = normals[chosen]
     t = np.cross(n, rng.normal(size=(k, 3)))

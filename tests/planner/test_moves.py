@@ -37,7 +37,9 @@ def turned(g: PoseGraph) -> list[Arc]:
 
 def pivoted(t: Task, g: PoseGraph) -> list[Arc]:
     """Pivots that get anywhere, as far as they do, that keep a contact."""
-    found = [g.went(arc, g.held[START])[0] for arc in pivots(g.start, g.patches(START), t.router.around.radius_O)]
+    found = [
+        g.went(arc, g.held[START])[0] for arc in pivots(g.start, g.patches(START), float(t.router.around.radius_O[0]))
+    ]
     return [arc for arc in found if arc.angle >= LEAST and arc.on]
 
 
@@ -62,7 +64,7 @@ def touches(t: Task, arc: Arc, body: int) -> None:
 def lowest(t: Task, arc: Arc, u: float) -> np.ndarray:
     """Points (c, 3) of the box's surface that are lowest at part u: below its core's lowest corners."""
     R, p = arc.pose(u)
-    r = t.router.around.radius_O
+    r = float(t.router.around.radius_O[0])
     corners = np.array(list(itertools.product(*([-s, s] for s in t.hand.size_O[:3] - r)))) @ R.T + p
     return corners[corners[:, 2] < corners[:, 2].min() + 1e-9] - r * UP
 
@@ -182,7 +184,7 @@ def test_a_box_pivots_over_each_edge_of_its_face_onto_the_next_one() -> None:
 def test_a_rolling_edge_does_not_slip_and_one_that_turns_in_its_place_slides() -> None:
     """The velocity of what touches the table: nothing, or radius times rate across the edge (finite differences)."""
     t, g = begun("box", ("table",), ON_TABLE["box"])
-    r, kinds = t.router.around.radius_O, {0: 0, 1: 0}
+    r, kinds = float(t.router.around.radius_O[0]), {0: 0, 1: 0}
     for arc in pivoted(t, g):
         slides = int(not np.any(arc.d))
         kinds[slides] += 1
@@ -221,7 +223,7 @@ def test_a_wall_ends_a_pivot_where_they_touch() -> None:
 def test_points_and_round_edges_have_no_pivot_of_a_face() -> None:
     """A sphere has none at all; what lies on a line turns about it only, which keeps the line."""
     t, g = begun("sphere", ("table",), ON_TABLE["sphere"])
-    assert not list(pivots(g.start, g.patches(START), t.router.around.radius_O))
+    assert not list(pivots(g.start, g.patches(START), float(t.router.around.radius_O[0])))
     t, g = begun("capsule", ("table",), LYING)
     axis = g.start[0][:, 2]
     for arc in pivoted(t, g):

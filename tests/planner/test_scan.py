@@ -78,7 +78,7 @@ def test_an_arm_aims_exactly_and_with_the_nearest_joints(tilt: float) -> None:
     axes = a.hand.axis_T @ Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix()
     assert np.allclose(np.sum(axes * a.hand.axis_T, axis=1), np.cos(tilt))
     hand = dataclasses.replace(a.hand, axis_T=axes)
-    chains, points, normals = a.hand.chains, *sample(a.hand.kind_O, a.hand.size_O, 200)
+    chains, points, normals = a.hand.chains, *sample(a.hand.kind_O, a.hand.size_O, a.hand.grids, 200)
     R_WO, p_WO = a.path.R_WO[0, 0], a.path.p_WO[0, 0]
     counts = {"first turn": 0, "later": 0, "none": 0}
     for _ in range(120):

@@ -30,7 +30,7 @@ BAD = [
     ("model.finger", 3, "model.finger: unknown key (fingers?)"),
     ("goal.pose.rpy", [0, 0, 0], "goal.pose.rpy: unknown key (legal: position, quaternion, euler)"),
     ("environment.0.sise", 3, "environment.0.sise: unknown key (size?)"),
-    ("object.mass", None, "object.mass: None is not a finite number"),
+    ("object.mass", None, "object: needs mass or density, not both"),
     ("object.mass", 0, "object.mass: 0 is too small (legal: > 0"),
     ("object.mass", -1, "object.mass: -1 is too small"),
     ("object.mass", 1500, "object.mass: 1500 is too large (kilograms, not grams?"),
@@ -73,12 +73,27 @@ BAD = [
     ("agents", [{"name": "finger1", "home": [90, 0]}], "agents.0.home.0: 90 is too large (radians, not degrees?"),
     ("environment.0.name", "object", "environment.0.name: 'object' is reserved"),
     ("environment.0.name", "the table", "environment.0.name: 'the table' is not a name"),
-    ("environment.0.shape", "mesh", "environment.0.shape: 'mesh' is not legal"),
+    ("environment.0.shape", "torus", "environment.0.shape: 'torus' is not legal"),
+    ("environment.0.shape", "mesh", "environment.0: a mesh needs a file"),
+    ("environment.0.file", "shelf.stl", "environment.0: a plane has no file"),
+    ("object.density", 1000, "object: needs mass or density, not both"),
+    ("object", {"shape": "mesh", "mass": 1}, "object.file: missing"),
+    (
+        "object",
+        {"shape": "mesh", "file": "mug.stl", "mass": 1, "size": [1]},
+        "object.size: unknown key (legal: mass, density, shape, file, scale",
+    ),
+    ("object", {"shape": "union", "mass": 1, "parts": []}, "object.parts: "),
+    (
+        "object",
+        {"shape": "union", "mass": 1, "parts": [{"shape": "box", "size": [0.1, 0.1, 0.1]}]},
+        "object.parts.0: rounding 0 of the box's edges must lie between 0 and 0.1 m",
+    ),
     ("environment.0.size", [1, 1], "environment.0: size has 2 numbers for a plane (legal: no size)"),
     ("freedoms", ["x", "roll"], "freedoms.1: 'roll' is not legal (legal: 'x', 'y'"),
     ("freedoms", [], "freedoms: "),
     ("freedoms", ["x", "z", "ry"], "goal.pose: differs from the start in y, rz (freedoms: x, z, ry)"),
-    ("model", {"hand": "barrett"}, "model: neither a built-in hand nor a file"),
+    ("model", {"hand": "barrett"}, "model: neither a built-in hand nor a model of your own"),
     ("model", {"hand": "puma", "fingers": 0}, "model.fingers: "),
     ("model", {"hand": "puma", "scale": 300}, "model.scale: 300 is too large"),
     ("model", {"hand": "planar"}, "model.bases: missing"),
@@ -158,7 +173,7 @@ def test_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
 
 
 def test_typing_error_in_a_built_in_name_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: ball-roll"):
+    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: allegro-cube"):
         load("fig3-pumma")
 
 
@@ -199,9 +214,9 @@ def test_exponents_without_a_point_are_numbers() -> None:
 def test_json_schema_tells_keys_and_ranges() -> None:
     schema = Scene.model_json_schema()
     assert schema["additionalProperties"] is False
-    mass = schema["$defs"]["Object"]["properties"]["mass"]
-    assert mass["exclusiveMinimum"] == 0.0
-    assert "kg" in mass["description"]
+    scale = schema["$defs"]["MeshObject"]["properties"]["scale"]
+    assert scale["exclusiveMinimum"] == 0.0
+    assert "10" in scale["description"]
 
 
 def test_euler_angles_are_about_fixed_x_y_z() -> None:

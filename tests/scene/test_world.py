@@ -81,7 +81,7 @@ def test_agents_are_separate_chains_at_home_inside_their_limits(world: World) ->
         assert agent.tip_geom in agent.geoms
         assert len(agent.joints) == len(agent.qpos) == len(agent.dofs) == len(agent.speed)
         assert agent.friction == world.scene.friction
-        assert agent.max_force == world.scene.max_force
+        assert agent.max_force == (world.scene.max_force or 10.0)
 
 
 def test_nothing_that_must_not_touch_touches_at_the_start(world: World) -> None:

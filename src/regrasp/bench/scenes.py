@@ -11,11 +11,14 @@ from rich.table import Table
 
 from regrasp.bench.kernels import compile_kernels, print_reasons, say
 from regrasp.plan import RELOCATE, Plan
+from regrasp.planner.hand import hand_of
 from regrasp.planner.method import plan_scene
 from regrasp.planner.path import distance
 from regrasp.planner.task import Settings
 from regrasp.planner.turns import from_quaternion
 from regrasp.scene.load import builtin, load
+from regrasp.scene.schema import Object
+from regrasp.scene.world import build
 from regrasp.settings import read
 from regrasp.verify.check import check
 
@@ -74,7 +77,8 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
         say(f"{name}, seed {seed}: {reason or 'certified'}, {seconds[-1]:.2f} s")
         if reason:
             reasons.append(f"seed {seed}: {reason}")
-    radius = max(scene.object.size)
+    thing = scene.object
+    radius = max(thing.size) if isinstance(thing, Object) else hand_of(build(scene)).radius
     counts: tuple[list[float], ...] = (
         [len(plan.V) for plan in plans],
         [int(np.sum(plan.V == RELOCATE)) for plan in plans],

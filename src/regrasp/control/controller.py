@@ -120,7 +120,7 @@ class Controller:
         ref, settings, bears = self.reference, self.control.feedback, self.reference.bears[row]
         follows = row >= ref.start
         error = NO_ERROR if seen is None else displacement(ref.p_WO[row], ref.R_WO[row], *seen)
-        state = object_feedback.step(settings, self._state, error, bears, follows)
+        state = object_feedback.step(settings, self._state, error, bears, follows, ref.free[row])
         p = self._data.geom_xpos[self._tips]
         J = self._jacobians(p)
         if follows:

@@ -61,13 +61,16 @@ def displacement(p_WO: Array, R_WO: Array, p_measured: Array, R_measured: Array)
     return np.array([dx, dy, dz, scale * x, scale * y, scale * z])
 
 
-def step(settings: Feedback, state: State, error: Array, bears: NDArray[np.bool_], follows: bool) -> State:
-    """The state after a measurement with the given error (6,); follows: the object is carried, so c may move it."""
+def step(settings: Feedback, state: State, error: Array, bears: NDArray[np.bool_], follows: bool, free: Array) -> State:
+    """The state after a measurement with the given error (6,).
+
+    follows: the object is carried, so c may move it, by the projection `free` (6, 6) in no direction that supports bar.
+    """
     blend = min(1.0, settings.period / settings.smoothing)
     seen = state.seen + blend * (error - state.seen)
     c = state.c
     if follows:
-        c = c - settings.rate * settings.period * error
+        c = c - settings.rate * settings.period * (free @ error)
         for part, limit in ((slice(0, 3), settings.reach), (slice(3, 6), settings.bend)):
             length = float(np.linalg.norm(c[part]))
             if length > limit:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from regrasp.control.freedoms import free_motions
 from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.scene.world import World
 from regrasp.settings import demand
@@ -44,7 +45,8 @@ class Reference:
     period: s. begin: s, the plan's time at its first instant. touch, start, end: rows at which the approach ends, the plan
     begins and the plan ends. interval (T,): the plan's, −1 before it. q, qd (T, nq): rad or m, and their rates.
     p_WO (T, 3), R_WO (T, 3, 3). bears, slides (T, k): who is in contact, who slides in it. force_W (T, k, 3): of the
-    agents on the object, N. p_WC, n_W (T, k, 3): where they act, and the object's outward normal there.
+    agents on the object, N. p_WC, n_W (T, k, 3): where they act, and the object's outward normal there. free (T, 6, 6):
+    projection of displacements onto those that supports leave free.
     """
 
     period: float
@@ -62,6 +64,7 @@ class Reference:
     force_W: Array
     p_WC: Array
     n_W: Array
+    free: Array
 
     def __len__(self) -> int:
         return len(self.q)
@@ -81,7 +84,7 @@ def taken_over(plan: Plan, period: float, phases: Phases, force: Array) -> Refer
     load, hold = (max(1, round(seconds / period)) for seconds in (phases.load, phases.hold))
     rows = np.concatenate([np.zeros(load, int), np.arange(count), np.full(hold, count - 1)])
     still = (np.arange(len(rows)) < load) | (np.arange(len(rows)) >= load + count)
-    table = {name: getattr(body, name)[rows] for name in ("interval", "q", "qd", "p_WO", "R_WO", *CONTACT)}
+    table = {name: getattr(body, name)[rows] for name in ("interval", "q", "qd", "p_WO", "R_WO", "free", *CONTACT)}
     table["qd"][still], table["slides"][still], table["interval"][:load] = 0.0, False, -1
     u = (np.arange(load)[:, None, None] + 1) / load
     table["force_W"][:load] = np.where(table["bears"][:load, :, None], (1 - u) * force + u * body.force_W[0], 0.0)
@@ -113,7 +116,7 @@ def reference(plan: Plan, world: World, period: float, phases: Phases) -> Refere
     interval[:lead] = -1
     return Reference(
         period, body.begin, approach, lead, lead + count - 1, interval, q, qd, body.p_WO[rows], body.R_WO[rows], bears,
-        slides, force, body.p_WC[rows], body.n_W[rows],
+        slides, force, body.p_WC[rows], body.n_W[rows], body.free[rows],
     )  # fmt: skip
 
 
@@ -150,6 +153,7 @@ def _sampled(plan: Plan, period: float) -> Reference:
     q, qd = np.empty((count, plan.joints.shape[2])), np.empty((count, plan.joints.shape[2]))
     p_WO, R_WO = np.empty((count, 3)), np.empty((count, 3, 3))
     force, p_WC, n_W = (np.zeros((count, k, 3)) for _ in range(3))
+    free, leaves = np.empty((count, 6, 6)), free_motions(plan)
     bears = np.isfinite(plan.p_OC_O[:, 0, :, 0])[interval]
     slides = ((plan.V >= FIRST_SLIDE) & (plan.V < RELOCATE))[interval]
     for j in range(N):
@@ -164,6 +168,7 @@ def _sampled(plan: Plan, period: float) -> Reference:
         R_WO[rows] = turns(np.clip(at, knots[0], knots[-1])).as_matrix()
         s = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, M - 2)
         u = ((at - knots[s]) / (knots[s + 1] - knots[s]))[:, None, None]
+        free[rows] = leaves[j, s]
         force[rows] = (1 - u) * plan.force_W[j, s] + u * plan.force_W[j, s + 1]
         p_OC = np.nan_to_num((1 - u) * plan.p_OC_O[j, s] + u * plan.p_OC_O[j, s + 1])
         p_WC[rows] = p_WO[rows, None] + np.einsum("tab,tkb->tka", R_WO[rows], p_OC)
@@ -172,7 +177,7 @@ def _sampled(plan: Plan, period: float) -> Reference:
         )
     # The table's period is the controller's; the plan is stretched to a whole number of periods.
     return Reference(
-        period, float(begin), 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC, n_W
+        period, float(begin), 0, 0, count - 1, interval, q, qd, p_WO, R_WO, bears, slides, force, p_WC, n_W, free
     )  # fmt: skip
 
 

@@ -11,24 +11,28 @@ It is the time derivative of "the points coincide, the normals oppose": n_O(p) +
 the tip in T; R_OT (3, 3), the tip's orientation; x_O (3,), the unit tangent that is the contact frame's x axis (its
 others are n × x and n). The tip's frame then stands at p_OT = p_OC − R_OT p_TC.
 
-Surfaces are given by (kind, size) of `surfaces`. Inside, vectors are triples, an orientation is the triple of its
-columns and `pair` is (kind_O, size_O, kind_T, size_T). Functions that can fail return OK, FLAT or LOST.
+Surfaces are given by (kind, size) of `surfaces`, with the grids of both. Inside, vectors are triples, an orientation is the
+triple of its columns and `pair` is (kind_O, size_O, kind_T, size_T, grids). Functions that can fail return OK, FLAT or LOST.
+An object may be hollow: only what happens next to the contact is looked at here.
 """
 
 import math
 
 from numba import njit
 
+from regrasp.kernels.grids import Grids
 from regrasp.kernels.rotations import Array, Triple, along, cross, dot, norm, plus, rodrigues, triple, unit
 from regrasp.kernels.surfaces import bend, field, frame
 
 Columns = tuple[Triple, Triple, Triple]
 Size = tuple[float, float, float, float]
-Pair = tuple[int, Size, int, Size]
+Pair = tuple[int, Size, int, Size, Grids]
 Motion = tuple[float, float, float, float]
 
 OK = 0
-FLAT = 1  # the surfaces touch along a line or a face (S_O + S_T is singular): the motion of the contact is not defined
+# S_O + S_T is not positive definite. Singular: the surfaces touch along a line or a face, the motion of the contact is not
+# defined. Indefinite or negative: the tip is flatter than the hollow it stands in and would cut into its sides.
+FLAT = 1
 LOST = 2  # no pair of points with opposed normals was found nearby
 
 # Relative to the larger principal curvature of S_O + S_T: below it the contact counts as a line or a face.
@@ -42,10 +46,11 @@ _ITERATIONS = 20
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _pair(kind_O: int, size_O: Array, kind_T: int, size_T: Array) -> Pair:
+def _pair(kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids) -> Pair:
     # An array is seven machine words to pass on, and its entries are read from memory anew wherever they are used.
     return (
         kind_O, (size_O[0], size_O[1], size_O[2], size_O[3]), kind_T, (size_T[0], size_T[1], size_T[2], size_T[3]),
+        grids,
     )  # fmt: skip
 
 
@@ -88,25 +93,25 @@ def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _retract(kind: int, size: Size, p: Triple) -> tuple[Triple, Triple]:
+def _retract(kind: int, size: Size, grids: Grids, p: Triple) -> tuple[Triple, Triple]:
     """(point on the surface near p, outward unit normal there), by Newton's method along ∇F."""
-    F, g = field(kind, size, p)
+    F, g = field(kind, size, grids, p)
     for _ in range(_ITERATIONS):
         slope = dot(g, g)
         # |F|/|∇F| is the distance to the surface to first order, and p itself is known to round-off only.
         if abs(F) <= 1e-15 * math.sqrt(slope * dot(p, p)):
             break
         p = plus(p, -F / slope, g)
-        F, g = field(kind, size, p)
+        F, g = field(kind, size, grids, p)
     return p, unit(g)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _curvature(kind: int, size: Size, p: Triple, x: Triple, y: Triple) -> Triple:
+def _curvature(kind: int, size: Size, grids: Grids, p: Triple, x: Triple, y: Triple) -> Triple:
     """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
-    F, g = field(kind, size, p)
+    F, g = field(kind, size, grids, p)
     length = norm(g)
-    bend_x, bend_y = bend(kind, size, p, F, g, x), bend(kind, size, p, F, g, y)
+    bend_x, bend_y = bend(kind, size, grids, p, F, g, x), bend(kind, size, grids, p, F, g, y)
     return dot(x, bend_x) / length, dot(y, bend_x) / length, dot(y, bend_y) / length
 
 
@@ -116,13 +121,13 @@ def _solve(
     turn_x: float, turn_y: float, v_x: float, v_y: float,
 ) -> tuple[int, float, float, Triple, Triple]:  # fmt: skip
     """(status, ṗ_x, ṗ_y, S_O, S_T) of (S_O + S_T) ṗ = turn + S_T v, all on the object's tangents x, y."""
-    kind_O, size_O, kind_T, size_T = pair
-    S_O = _curvature(kind_O, size_O, p, x, y)
-    S_T = _curvature(kind_T, size_T, c, _to_tip(R, x), _to_tip(R, y))
+    kind_O, size_O, kind_T, size_T, grids = pair
+    S_O = _curvature(kind_O, size_O, grids, p, x, y)
+    S_T = _curvature(kind_T, size_T, grids, c, _to_tip(R, x), _to_tip(R, y))
     xx, xy, yy = S_O[0] + S_T[0], S_O[1] + S_T[1], S_O[2] + S_T[2]
     determinant, trace = xx * yy - xy * xy, xx + yy
     # The smaller eigenvalue is about determinant/trace.
-    if not determinant > _SINGULAR * trace * trace:
+    if not (determinant > _SINGULAR * trace * trace and trace > 0.0):
         return FLAT, 0.0, 0.0, S_O, S_T
     b_x, b_y = turn_x + S_T[0] * v_x + S_T[1] * v_y, turn_y + S_T[1] * v_x + S_T[2] * v_y
     return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant, S_O, S_T
@@ -149,7 +154,7 @@ def _rates(
 
 @njit(cache=True, nogil=True)
 def contact_rates(
-    kind_O: int, size_O: Array, kind_T: int, size_T: Array, p_OC: Array, p_TC: Array, R_OT: Array,
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, p_OC: Array, p_TC: Array, R_OT: Array,
     w_O: Array, v_O: Array,
     pdot_O: Array, cdot_T: Array,
 ) -> int:  # fmt: skip
@@ -159,10 +164,10 @@ def contact_rates(
     material point at the contact, in O (of v only the tangential part counts). Writes `pdot_O` (3,), the velocity of
     the contact on the object in O, and `cdot_T` (3,), that on the tip in T. Returns OK, or FLAT with both meaningless.
     """
-    n = unit(field(kind_O, size_O, p_OC)[1])
+    n = unit(field(kind_O, size_O, grids, p_OC)[1])
     x, y = frame(n)
     status, pdot, cdot, _ = _rates(
-        _pair(kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT), n, x,
+        _pair(kind_O, size_O, kind_T, size_T, grids), triple(p_OC), triple(p_TC), _columns(R_OT), n, x,
         (dot(x, w_O), dot(y, w_O), dot(x, v_O), dot(y, v_O)),
     )  # fmt: skip
     pdot_O[0], pdot_O[1], pdot_O[2] = pdot
@@ -173,12 +178,12 @@ def contact_rates(
 @njit(cache=True, nogil=True)
 def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, Triple, Triple, Triple]:
     """(status, first angle between the normals, p, c, n): see `settle`."""
-    kind_O, size_O, kind_T, size_T = pair
+    kind_O, size_O, kind_T, size_T, grids = pair
     first, best = 0.0, math.inf
     p_from, c_from, step = p, c, p
     for iteration in range(_ITERATIONS):
-        p, n = _retract(kind_O, size_O, p)
-        c, n_T = _retract(kind_T, size_T, c)
+        p, n = _retract(kind_O, size_O, grids, p)
+        c, n_T = _retract(kind_T, size_T, grids, c)
         m = plus(n, 1.0, _to_object(R, n_T))
         gap = norm(m)
         if iteration == 0:
@@ -200,15 +205,16 @@ def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, T
 
 @njit(cache=True, nogil=True)
 def settle(
-    kind_O: int, size_O: Array, kind_T: int, size_T: Array, p_OC: Array, p_TC: Array, R_OT: Array
-) -> tuple[int, float]:
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, p_OC: Array, p_TC: Array, R_OT: Array,
+) -> tuple[int, float]:  # fmt: skip
     """Bring an approximate contact back onto both surfaces with opposed normals, at the given orientation of the tip.
 
     Newton's method on n_O(p) + R n_T(c) = 0 moves the two contact points by the same δ, (S_O + S_T) δ = −(n_O + R n_T):
     a correction that rolls and never slips, so the lengths of the two contact paths stay equal. p_OC and p_TC are in
     and out (untouched unless OK). Returns (status, angle between the normals at the start [rad]).
     """
-    status, gap, p, c, _ = _settle(_pair(kind_O, size_O, kind_T, size_T), triple(p_OC), triple(p_TC), _columns(R_OT))
+    pair = _pair(kind_O, size_O, kind_T, size_T, grids)
+    status, gap, p, c, _ = _settle(pair, triple(p_OC), triple(p_TC), _columns(R_OT))
     if status == OK:
         p_OC[0], p_OC[1], p_OC[2] = p
         p_TC[0], p_TC[1], p_TC[2] = c
@@ -224,7 +230,7 @@ def _midpoint(
     if status != OK:
         return status, 0.0, p, c, R, x, n
     p_mid, c_mid, R_mid = plus(p, 0.5, pdot), plus(c, 0.5, cdot), _turn(along(w, w, 0.5, 0.0), R)
-    n_mid = unit(field(pair[0], pair[1], p_mid)[1])
+    n_mid = unit(field(pair[0], pair[1], pair[4], p_mid)[1])
     x_mid = _transport(n, n_mid, x)
     y_mid = cross(n_mid, x_mid)
     w_x, w_y, v_x, v_y = command
@@ -245,7 +251,7 @@ def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array,
     if command[0] == 0.0 and command[1] == 0.0 and command[2] == 0.0 and command[3] == 0.0:
         return OK
     p, c, R, x = triple(p_OC), triple(p_TC), _columns(R_OT), triple(x_O)
-    n = unit(field(pair[0], pair[1], p)[1])
+    n = unit(field(pair[0], pair[1], pair[4], p)[1])
     done, part = 0.0, 1.0
     status = OK
     while done < 1.0:
@@ -268,7 +274,7 @@ def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array,
 
 @njit(cache=True, nogil=True)
 def advance(
-    kind_O: int, size_O: Array, kind_T: int, size_T: Array,
+    kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids,
     command: Array, substeps: int,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array,
 ) -> int:  # fmt: skip
@@ -279,7 +285,7 @@ def advance(
     After every substep the points lie on the surfaces and the normals oppose. No motion leaves the state untouched.
     Returns OK, or FLAT or LOST with the state at the last point reached.
     """
-    pair, h = _pair(kind_O, size_O, kind_T, size_T), 1.0 / substeps
+    pair, h = _pair(kind_O, size_O, kind_T, size_T, grids), 1.0 / substeps
     piece = (h * command[0], h * command[1], h * command[2], h * command[3])
     for _ in range(substeps):
         status = _substep(pair, piece, p_OC, p_TC, R_OT, x_O)

@@ -2,6 +2,8 @@
 
 A core's size `core` (3,) is its half extents in its own frame: POINT (0, 0, 0), SEGMENT (0, 0, half length) along z,
 BOX half edges, CYLINDER (R, R, half height) about z, ELLIPSOID semi-axes; PLANE is the half-space z ≤ 0 (core unused).
+A HULL is the convex hull of V vertices, centred on its bounding box: behind the half extents its core has V, then x, y, z
+and the number (`features`) of each vertex, (4 + 4 V,) or longer.
 """
 
 import math
@@ -10,7 +12,8 @@ from numba import njit
 
 from regrasp.kernels.rotations import Array, Triple
 
-POINT, SEGMENT, BOX, CYLINDER, ELLIPSOID, PLANE = 0, 1, 2, 3, 4, 5
+POINT, SEGMENT, BOX, CYLINDER, ELLIPSOID, PLANE, HULL = 0, 1, 2, 3, 4, 5, 6
+COUNT, FIRST, ROW = 3, 4, 4  # where a HULL's core has V and its first vertex, and how many numbers each vertex takes
 
 
 @njit(cache=True, nogil=True)
@@ -36,6 +39,13 @@ def support(kind: int, core: Array, R: Array, d: Triple) -> Triple:
         s = core[0] / s if s > 0.0 else 0.0
         x, y = s * x, s * y
         z = core[2] if z >= 0.0 else -core[2]
+    elif kind == HULL:
+        best, at = -math.inf, FIRST
+        for i in range(FIRST, FIRST + ROW * int(core[COUNT]), ROW):
+            s = x * core[i] + y * core[i + 1] + z * core[i + 2]
+            if s > best:
+                best, at = s, i
+        x, y, z = core[at], core[at + 1], core[at + 2]
     else:
         a, b, c = core[0], core[1], core[2]
         s = 1.0 / math.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2)

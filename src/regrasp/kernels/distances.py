@@ -1,4 +1,4 @@
-"""Distances between convex bodies: a core (point, segment, box, cylinder, ellipsoid) with a radius, or a half-space.
+"""Distances between convex bodies: a core (`cores`) with a radius, or a half-space.
 
 A sphere is a POINT with a radius, a capsule a SEGMENT with one; kinds and core sizes are those of `cores`.
 """
@@ -21,7 +21,7 @@ class Geoms(Record):
     """G collision geometries, each in the frame L of what carries it."""
 
     kind: NDArray[np.int64]  # (G,)
-    core: Array  # (G, 3) m
+    core: Array  # (G, 3) m, or (G, 4 + 4 V) where there are hulls of at most V vertices (`cores`)
     radius: Array  # (G,) m
     R_LG: Array  # (G, 3, 3) in the agent's link, in the object (OBJECT) or in the world (STATIC)
     p_LG: Array  # (G, 3)

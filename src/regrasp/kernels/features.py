@@ -4,11 +4,15 @@ import math
 
 from numba import njit
 
-from regrasp.kernels.cores import BOX, CYLINDER, PLANE, SEGMENT, support
+from regrasp.kernels.cores import BOX, COUNT, CYLINDER, FIRST, HULL, PLANE, ROW, SEGMENT, support
 from regrasp.kernels.rotations import Array, Triple
+from regrasp.kernels.stack import stack
+from regrasp.kernels.surfaces import frame
 
 TOUCH = 2e-5  # m: bodies this close touch; what lies within it of a core's extreme points belongs to them
-RIM = 12  # points for a cylinder's disc
+RIM = 12  # points for a cylinder's disc, and the corners of a face that are told apart
+CORNERS = 256  # vertices of a hull at most
+LOOKS = 48  # directions in a face's plane in which its corners are looked for
 THIN = 1e-6  # m: half extents below it make no edge
 
 
@@ -20,7 +24,7 @@ def feature(kind: int, core: Array, R: Array, p: Array, d: Triple, points: Array
     and the number, 0 … 7, of the corner that the point is, −1 for none. Corners of a BOX are numbered by the signs of x, y, z
     (bits 0, 1, 2; set: positive). A SEGMENT ends in 0 and 1. A CYLINDER has 0 … 3 on its discs, at x, y, −x, −y, and the ends
     of the line on its side, or the point of its rim, as 4 (−z) and 5 (z). The point of the other cores is 0.
-    A PLANE has no points.
+    The vertices of a HULL have the numbers in its core. A PLANE has no points.
     """
     if kind == PLANE:
         return 0
@@ -29,6 +33,8 @@ def feature(kind: int, core: Array, R: Array, p: Array, d: Triple, points: Array
     z = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]
     if kind == BOX:
         return _box(core, R, p, (x, y, z), points)
+    if kind == HULL:
+        return _hull(core, R, p, (x, y, z), points)
     upper = core[2] > THIN and z >= 0.0
     line = core[2] > THIN and 2.0 * core[2] * abs(z) <= TOUCH
     if kind == SEGMENT:
@@ -89,6 +95,77 @@ def _box(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
         )  # fmt: skip
         points[i, 3] = number
     return count
+
+
+@njit(cache=True, nogil=True)
+def _hull(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
+    """`feature` of a HULL, with d in its own frame: of faces of more corners those that reach farthest RIM ways."""
+    last = FIRST + ROW * int(core[COUNT])
+    best = -math.inf
+    for i in range(FIRST, last, ROW):
+        best = max(best, d[0] * core[i] + d[1] * core[i + 1] + d[2] * core[i + 2])
+    x, y = frame(d)
+    corners, found, a, b = stack(CORNERS), 0, 0.0, 0.0
+    for i in range(FIRST, last, ROW):
+        if found < CORNERS and d[0] * core[i] + d[1] * core[i + 1] + d[2] * core[i + 2] >= best - TOUCH:
+            corners[found] = i
+            a, b, found = a + _along(core, i, x), b + _along(core, i, y), found + 1
+    a, b = a / found, b / found
+    # Whichever way one goes from the middle, a corner is farthest; round once, the corners come in order.
+    count = 0
+    for k in range(LOOKS):
+        angle = 2.0 * math.pi * k / LOOKS
+        cos, sin = math.cos(angle), math.sin(angle)
+        far, at = -math.inf, corners[0]
+        for n in range(found):
+            i = int(corners[n])
+            s = cos * (_along(core, i, x) - a) + sin * (_along(core, i, y) - b)
+            if s > far:
+                far, at = s, corners[n]
+        new = count < RIM
+        for n in range(count):
+            if points[n, 3] == at:
+                new = False
+        if new:
+            points[count, 3] = at
+            count += 1
+    count = _flat(core, x, y, points, count)
+    for n in range(count):
+        i = int(points[n, 3])
+        _put(R, p, core[i], core[i + 1], core[i + 2], points, n)
+        points[n, 3] = core[i + 3]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _along(core: Array, i: int, x: Triple) -> float:
+    """The vertex at core[i] along x."""
+    return x[0] * core[i] + x[1] * core[i + 1] + x[2] * core[i + 2]
+
+
+@njit(cache=True, nogil=True)
+def _flat(core: Array, x: Triple, y: Triple, points: Array, count: int) -> int:
+    """Of corners (rows in points[:, 3]) that lie on one line, or on one point, within TOUCH, only its ends; the number left."""
+    length, p, q = 0.0, 0, 0
+    for m in range(count):
+        for n in range(m + 1, count):
+            i, j = int(points[m, 3]), int(points[n, 3])
+            s = math.hypot(_along(core, i, x) - _along(core, j, x), _along(core, i, y) - _along(core, j, y))
+            if s > length:
+                length, p, q = s, i, j
+    if count < 2 or length <= TOUCH:
+        return min(count, 1)
+    u = (_along(core, q, x) - _along(core, p, x)) / length
+    v = (_along(core, q, y) - _along(core, p, y)) / length
+    wide = 0.0
+    for n in range(count):
+        i = int(points[n, 3])
+        s = u * (_along(core, i, y) - _along(core, p, y)) - v * (_along(core, i, x) - _along(core, p, x))
+        wide = max(wide, abs(s))
+    if wide > TOUCH:
+        return count
+    points[0, 3], points[1, 3] = p, q
+    return 2
 
 
 @njit(cache=True, nogil=True)

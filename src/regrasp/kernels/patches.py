@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.cores import BOX, CYLINDER, PLANE, SEGMENT, support
+from regrasp.kernels.cores import BOX, CYLINDER, HULL, PLANE, SEGMENT, support
 from regrasp.kernels.features import RIM, TOUCH, feature
 from regrasp.kernels.gjk import separation
 from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, plus, triple
@@ -73,7 +73,7 @@ def patch(
             present[slot] = 1
             u, v = _nearest(Q, count, A[i, 0], A[i, 1])
             _lift(F_O, count_O, A, p_O, r_O, x, y, n, u, v, points[slot])
-    if kind_S in (BOX, CYLINDER, SEGMENT):
+    if kind_S in (BOX, CYLINDER, SEGMENT, HULL):
         for i in range(count_S):
             if F_S[i, 3] >= 0.0:
                 slot = SLOTS // 2 + int(F_S[i, 3])
@@ -102,7 +102,7 @@ def _lift(
         t = (a * (u - flat[0, 0]) + b * (v - flat[0, 1])) / (a * a + b * b)
         foot = plus(F[0], min(max(t, 0.0), 1.0), minus(F[1], F[0]))
     elif count > 2:
-        m = cross(minus(F[count // 4], F[0]), minus(F[count // 2], F[0]))
+        m = cross(minus(F[max(count // 4, 1)], F[0]), minus(F[max(count // 2, 2)], F[0]))
         foot = plus(plus(o, u, x), v, y)
         foot = plus(foot, dot(m, minus(F[0], foot)) / dot(m, n), n)
     for a in range(3):

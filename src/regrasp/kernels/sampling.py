@@ -4,22 +4,27 @@ import itertools
 import math
 
 import numpy as np
+from numba import njit
 
+from regrasp.kernels.grids import Grids, grid_field
 from regrasp.kernels.rotations import Array
-from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, SPHERE, project
+from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, MESH, SPHERE, project
 
 
-def sample(kind: int, size: Array, count: int) -> tuple[Array, Array]:
+def sample(kind: int, size: Array, grids: Grids, count: int) -> tuple[Array, Array]:
     """Points (count, 3) spread near-uniformly by area over a closed surface, and their outward normals (count, 3).
 
     Deterministic: an area-preserving map carries the Fibonacci lattice of the unit square onto the surface (patch by
-    patch for a box). Raises ValueError for the PLANE, which has no finite area, and for a count below one.
+    patch for a box); for a mesh see `_sample_mesh`. Raises ValueError for the PLANE, which has no finite area, and for a count
+    below one.
     """
-    if kind not in (SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX) or count < 1:
+    if kind not in (SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, MESH) or count < 1:
         raise ValueError(
             f"cannot sample {count} points on surface kind {kind}: a closed surface and count ≥ 1 are needed"
         )
     size = np.asarray(size, dtype=np.float64)
+    if kind == MESH:
+        return _sample_mesh(grids, size, count)
     if kind == BOX:
         points = _sample_box(size, count)
     elif kind == ELLIPSOID:
@@ -28,7 +33,7 @@ def sample(kind: int, size: Array, count: int) -> tuple[Array, Array]:
         points = _sample_revolution(kind, size, count)
     normals = np.empty((count, 3))
     for point, normal in zip(points, normals, strict=True):
-        project(kind, size, point, point, normal)
+        project(kind, size, grids, point, point, normal)
     return points, normals
 
 
@@ -104,3 +109,62 @@ def _sample_box(size: Array, count: int) -> Array:
         points[:, s == 0.0] = core[s == 0.0] * (2.0 * np.stack((u, v), axis=1)[:, : np.count_nonzero(s == 0.0)] - 1.0)
         patches.append(points)
     return np.concatenate(patches)
+
+
+DENSE = 40  # points of a mesh from which one sample is chosen
+ROUNDS = 8  # of Lloyd's method
+
+
+def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
+    """`sample` of a mesh: a cloud, equally dense by area, and of that as many points, centres of equal parts.
+
+    The cloud are the closest points to a lattice in a thin shell on both sides of the surface: what a shell's volume has too
+    much on its outer side it lacks on the inner. Of the cloud the furthest points are taken one after another, then each
+    moves to the middle of the part next to it (Lloyd). Two sides of a thin wall are as far apart as their normals say.
+    """
+    m = int(size[0])
+    o, n, h = grids.origin[m], grids.shape[m], float(grids.spacing[m])
+    parts = 1
+    while True:
+        axes = [o[a] + h / parts * (np.arange((n[a] - 1) * parts) + 0.5) for a in range(3)]
+        cloud, normals = _shell(grids, m, axes[0], axes[1], axes[2], 0.5 * h)
+        if len(cloud) >= DENSE * count:
+            break
+        parts *= 2
+    from scipy.spatial import cKDTree
+
+    area = len(cloud) * (h / parts) ** 3 / h  # the shell's volume through its width
+    few = np.sort(np.random.default_rng(0).choice(len(cloud), DENSE * count, replace=False))
+    cloud, normals = cloud[few], normals[few]
+    spacing = math.sqrt(area / count)
+    places = np.concatenate((cloud, 0.5 * spacing * normals), axis=1)
+    chosen = np.zeros(count, np.int64)
+    away = np.linalg.norm(places - places.mean(axis=0), axis=1)
+    for i in range(count):
+        chosen[i] = np.argmax(away)
+        away = np.minimum(away if i else np.inf, np.linalg.norm(places - places[chosen[i]], axis=1))
+    for _ in range(ROUNDS):
+        nearest = cKDTree(places[chosen]).query(places)[1]
+        held = np.bincount(nearest, minlength=count)
+        middles = np.stack([np.bincount(nearest, column, count) / np.maximum(held, 1) for column in places.T], axis=1)
+        chosen = np.where(held > 0, cKDTree(places).query(middles)[1], chosen)
+    return cloud[chosen], normals[chosen]
+
+
+@njit(cache=True, nogil=True)
+def _shell(grids: Grids, m: int, x: Array, y: Array, z: Array, half: float) -> tuple[Array, Array]:
+    """Closest points (·, 3) and normals of the points of a lattice that are no further than `half` from grid m's surface."""
+    kind, size = int(MESH), np.array([float(m), 0.0, 0.0, 0.0])
+    p, found = np.empty(3), 0
+    for fill in range(2):
+        points, normals = np.empty((found * fill, 3)), np.empty((found * fill, 3))
+        found = 0
+        for i in range(len(x)):
+            for j in range(len(y)):
+                for k in range(len(z)):
+                    p[0], p[1], p[2] = x[i], y[j], z[k]
+                    if abs(grid_field(grids, m, p)[0]) <= half:
+                        if fill:
+                            project(kind, size, grids, p, points[found], normals[found])
+                        found += 1
+    return points, normals

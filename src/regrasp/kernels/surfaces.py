@@ -9,26 +9,29 @@ CAPSULE   2    radius, half length of the axis segment (along z), -, -
 CYLINDER  3    radius, half height (along z), -, radius of the rounded rim
 BOX       4    half lengths along x, y, z, radius of the rounded edges and corners
 PLANE     5    -, -, -, -: the half space z ≤ 0
+MESH      6    number of its grid in `grids`, -, -, radius of the rounded edges
 ========= ==== ==========================================================================
 
-All but the ellipsoid are a convex core dilated by a ball, so that F is the signed distance in closed form and |∇F| = 1.
-The ellipsoid has F = (x²/a² + y²/b² + z²/c² − 1)/2. Surfaces are C¹ and piecewise smooth: where a flat face, an edge
-and a corner meet, the curvature jumps, and the seam itself counts as the flatter side.
+All others but the ellipsoid are a convex core dilated by a ball, so that F is the signed distance in closed form and |∇F| = 1.
+The ellipsoid has F = (x²/a² + y²/b² + z²/c² − 1)/2. These surfaces are C¹ and piecewise smooth: where a flat face, an edge
+and a corner meet, the curvature jumps, and the seam itself counts as the flatter side. A mesh is the zero level of a
+signed-distance grid (`kernels.grids`): any closed surface, convex or not, C², with |∇F| = 1 up to the grid's error.
 """
 
 import math
 
 from numba import njit
 
+from regrasp.kernels.grids import Grids, grid_bend, grid_field, grid_project
 from regrasp.kernels.rotations import Array, Triple, Vector, norm
 
 Size = Array | tuple[float, float, float, float]
 
-SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, PLANE = range(6)
+SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, PLANE, MESH = range(7)
 
 
 @njit(cache=True, nogil=True)
-def field(kind: int, size: Size, p: Vector) -> tuple[float, Triple]:
+def field(kind: int, size: Size, grids: Grids, p: Vector) -> tuple[float, Triple]:
     """(F, ∇F) at the point p, a triple or an array; where F has a kink (axis, centre) ∇F is a one-sided gradient."""
     x, y, z = p[0], p[1], p[2]
     if kind == SPHERE or kind == CAPSULE:  # noqa: SIM109
@@ -48,7 +51,9 @@ def field(kind: int, size: Size, p: Vector) -> tuple[float, Triple]:
         return F, ((g_r * x / rho, g_r * y / rho, g_z) if rho > 0.0 else (g_r, 0.0, g_z))
     if kind == BOX:
         return _box(size, x, y, z)
-    return z, (0.0, 0.0, 1.0)
+    if kind == PLANE:
+        return z, (0.0, 0.0, 1.0)
+    return grid_field(grids, int(size[0]), p)
 
 
 @njit(cache=True, nogil=True)
@@ -80,12 +85,14 @@ def _box(size: Size, x: float, y: float, z: float) -> tuple[float, Triple]:
 
 
 @njit(cache=True, nogil=True)
-def bend(kind: int, size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
+def bend(kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     """∇²F u at the point p, from F and g = ∇F there; p, g, u and the value are triples (p and u may be arrays)."""
     if kind == ELLIPSOID:
         return u[0] / (size[0] * size[0]), u[1] / (size[1] * size[1]), u[2] / (size[2] * size[2])
     if kind == CYLINDER:
         return _bend_cylinder(size, p, F, g, u)
+    if kind == MESH:
+        return grid_bend(grids, int(size[0]), p, u)
     rounding = size[3] if kind == BOX else size[0]
     if kind == PLANE or F + rounding <= 0.0:
         return 0.0, 0.0, 0.0
@@ -122,23 +129,24 @@ def _bend_cylinder(size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Tri
 
 
 @njit(cache=True, nogil=True)
-def implicit(kind: int, size: Array, p: Array, g: Array, H: Array) -> float:
+def implicit(kind: int, size: Array, grids: Grids, p: Array, g: Array, H: Array) -> float:
     """F at p (3,), with g (3,) = ∇F [1; 1/m for the ellipsoid] and H (3, 3) = ∇²F [1/m; 1/m² for the ellipsoid]."""
-    F, gradient = field(kind, size, p)
+    F, gradient = field(kind, size, grids, p)
     g[0], g[1], g[2] = gradient
-    H[:, 0] = bend(kind, size, p, F, gradient, (1.0, 0.0, 0.0))
-    H[:, 1] = bend(kind, size, p, F, gradient, (0.0, 1.0, 0.0))
-    H[:, 2] = bend(kind, size, p, F, gradient, (0.0, 0.0, 1.0))
+    H[:, 0] = bend(kind, size, grids, p, F, gradient, (1.0, 0.0, 0.0))
+    H[:, 1] = bend(kind, size, grids, p, F, gradient, (0.0, 1.0, 0.0))
+    H[:, 2] = bend(kind, size, grids, p, F, gradient, (0.0, 0.0, 1.0))
     return F
 
 
 @njit(cache=True, nogil=True)
-def shape_operator(kind: int, size: Array, p: Array, n: Array, S: Array) -> float:
+def shape_operator(kind: int, size: Array, grids: Grids, p: Array, n: Array, S: Array) -> float:
     """F at p (3,), with the outward unit normal n (3,) = ∇F/|∇F| and S (3, 3) = (I−nnᵀ) ∇²F (I−nnᵀ)/|∇F| [1/m].
 
-    S maps a tangent velocity ṗ to ṅ; it is positive semi-definite on convex surfaces.
+    S maps a tangent velocity ṗ to ṅ; it is positive semi-definite on convex surfaces, and has a negative
+    eigenvalue along every direction in which a surface is hollow.
     """
-    F = implicit(kind, size, p, n, S)
+    F = implicit(kind, size, grids, p, n, S)
     length = norm(n)
     for i in range(3):
         n[i] /= length
@@ -154,14 +162,19 @@ def shape_operator(kind: int, size: Array, p: Array, n: Array, S: Array) -> floa
 
 
 @njit(cache=True, nogil=True)
-def project(kind: int, size: Array, p: Array, foot: Array, n: Array) -> float:
+def project(kind: int, size: Array, grids: Grids, p: Array, foot: Array, n: Array) -> float:
     """Signed distance [m] of p (3,) to the surface (negative inside), with the closest point foot (3,), normal n (3,).
 
     Where the closest point is not unique (centre, axis, medial planes) one of them is returned. foot may be p.
     """
     if kind == ELLIPSOID:
         return _project_ellipsoid(size, p, foot, n)
-    F, g = field(kind, size, p)
+    if kind == MESH:
+        F, x, g = grid_project(grids, int(size[0]), p)
+        foot[0], foot[1], foot[2] = x
+        n[0], n[1], n[2] = g
+        return F
+    F, g = field(kind, size, grids, p)
     for i in range(3):
         n[i] = g[i]
         foot[i] = p[i] - F * g[i]

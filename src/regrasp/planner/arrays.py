@@ -3,7 +3,8 @@
 Bodies fixed to one another are merged: a chain's link is everything between two of its joints.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,11 +13,17 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.kernels.chains import HINGE, SLIDE, Chains
-from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, PLANE, POINT, SEGMENT
+from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, HULL, PLANE, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.rotations import Array
+from regrasp.planner.hulls import hull_core, widened
+from regrasp.scene import collisions
+from regrasp.scene.fits import Primitive
+from regrasp.scene.links import Part
 
 Pose = tuple[Array, Array]
+Core = tuple[int, tuple[float, float, float], float]
+Shapes = Mapping[int, tuple[Primitive, ...]]
 
 
 def name_of(model: mujoco.MjModel, kind: mjtObj, index: int) -> str:
@@ -90,18 +97,23 @@ def _chain(model: mujoco.MjModel, joints: list[int], tip: int) -> tuple[list[Pos
     return frames, base, tip_frame
 
 
-def geoms_from(model: mujoco.MjModel, geoms: Sequence[int], joints: Sequence[Sequence[int]], object_body: int) -> Geoms:
-    """Collision geometries of the geoms (ids) as convex cores with a radius, each in the frame of what carries it.
+def geoms_from(
+    model: mujoco.MjModel, parts: Sequence[Part], joints: Sequence[Sequence[int]], object_body: int, shapes: Shapes
+) -> Geoms:
+    """Collision geometries of geoms as convex cores with a radius, each in the frame of what carries it.
+
+    parts: geom id and, for a geom that `shapes` has, which of the primitives that stand for it; else 0. A mesh without such is
+    its convex hull.
 
     A geom belongs to the agent whose joints[a] move it, with the link that `forward` writes for the last of them; to
     the object if it is on object_body or fixed to it; everything else is static and in the world frame. Raises
     InputError naming the geom if its type has no kernel, or the joint if one moves the geom that no agent owns.
     """
     owner = {j: (a, i) for a, row in enumerate(joints) for i, j in enumerate(row)}
-    count = len(geoms)
+    count = len(parts)
     out = Geoms(
         kind=np.zeros(count, dtype=np.int64),
-        core=np.zeros((count, 3)),
+        core=np.zeros((count, 0)),
         radius=np.zeros(count),
         R_LG=np.zeros((count, 3, 3)),
         p_LG=np.zeros((count, 3)),
@@ -109,12 +121,25 @@ def geoms_from(model: mujoco.MjModel, geoms: Sequence[int], joints: Sequence[Seq
         agent=np.zeros(count, dtype=np.int64),
         link=np.zeros(count, dtype=np.int64),
     )
-    for g, geom in enumerate(geoms):
-        out.kind[g], out.core[g], out.radius[g] = _core(model, geom)
-        out.bound[g] = _bound(int(out.kind[g]), out.core[g], float(out.radius[g]))
+    cores = []
+    for g, (geom, i) in enumerate(parts):
+        X_BG = _pose(model.geom_pos[geom], model.geom_quat[geom])
+        if geom in shapes:
+            shape = shapes[geom][i]
+            out.kind[g], core, out.radius[g] = CORES[shape.kind](*(float(x) for x in shape.size))
+            X_BG = _compose(X_BG, (shape.R, shape.p))
+        elif model.geom_type[geom] == mjtGeom.mjGEOM_MESH:
+            vertices = collisions.vertices(model, geom)
+            middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+            out.kind[g], core = HULL, tuple(hull_core(vertices - middle))
+            X_BG = _compose(X_BG, (np.eye(3), middle))
+        else:
+            out.kind[g], core, out.radius[g] = _core(model, geom)
+        cores.append(np.array(core))
+        out.bound[g] = _bound(int(out.kind[g]), cores[g][:3], float(out.radius[g]))
         out.agent[g], out.link[g], X = _carrier(model, int(model.geom_bodyid[geom]), owner, object_body)
-        out.R_LG[g], out.p_LG[g] = _compose(X, _pose(model.geom_pos[geom], model.geom_quat[geom]))
-    return out
+        out.R_LG[g], out.p_LG[g] = _compose(X, X_BG)
+    return replace(out, core=widened(cores))
 
 
 def _carrier(
@@ -141,7 +166,16 @@ def _carrier(
     return STATIC, 0, X
 
 
-def _core(model: mujoco.MjModel, geom: int) -> tuple[int, tuple[float, float, float], float]:
+CORES: dict[str, Callable[[float, float, float], Core]] = {
+    "sphere": lambda r, *_: (POINT, (0.0, 0.0, 0.0), r),
+    "capsule": lambda r, half, _: (SEGMENT, (0.0, 0.0, half), r),
+    "cylinder": lambda r, half, _: (CYLINDER, (r, r, half), 0.0),
+    "box": lambda x, y, z: (BOX, (x, y, z), 0.0),
+}
+"""Core of a primitive of `scene.fits` from its size."""
+
+
+def _core(model: mujoco.MjModel, geom: int) -> Core:
     """Kind, core half extents and radius of a MuJoCo geom."""
     s = [float(x) for x in model.geom_size[geom]]
     match mjtGeom(int(model.geom_type[geom])):

@@ -40,7 +40,8 @@ def closer(hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: 
     # Segments and half-spaces are as fast to measure.
     if (
         max(geoms.kind[a], geoms.kind[b]) > SEGMENT
-        and max(geoms.kind[a], geoms.kind[b]) < PLANE
+        and geoms.kind[a] != PLANE
+        and geoms.kind[b] != PLANE
         and boxes_far(geoms.core[a], geoms.radius[a], R_A, p_A, geoms.core[b], geoms.radius[b], R_B, p_B, clearance)
     ):
         return False
@@ -56,6 +57,12 @@ def closer(hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: 
 def first_geom(hand: Hand, c: int) -> int:
     """The first geom of agent c, of the static bodies (c = k) or the object (c = k + 1)."""
     return hand.geom_start[c] if c <= len(hand.tip_geom) else hand.object_geom
+
+
+@njit(cache=True, nogil=True)
+def object_row(hand: Hand) -> int:
+    """The row of the object's first body among the poses of static bodies and object (`Configurations`)."""
+    return hand.object_geom - hand.geom_start[len(hand.tip_geom)]
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +93,7 @@ def stands_clear(hand: Hand, i: int, R_G: Array, p_G: Array, R_B: Array, p_B: Ar
 
     R_B, p_B: poses of static bodies and object (`Configurations`). The tip, which may touch, is not asked for.
     """
-    k, last = len(hand.tip_geom), len(R_B) - 1
+    k, last = len(hand.tip_geom), object_row(hand)
     return not (
         hits(hand, i, i, R_G, p_G, R_G, p_G, 0.0)
         or hits(hand, i, k, R_G, p_G, R_B, p_B, clearance)
@@ -98,15 +105,20 @@ def stands_clear(hand: Hand, i: int, R_G: Array, p_G: Array, R_B: Array, p_B: Ar
 def tip_hits(hand: Hand, i: int, R_G: Array, p_G: Array, R_O: Array, p_O: Array, clearance: float) -> bool:
     """Whether the tip of agent i, which is not in contact, comes closer to the object than the clearance.
 
-    R_G, p_G: poses of the agent's geoms; R_O, p_O: pose of the object's geom.
+    R_G, p_G: poses of the agent's geoms; R_O, p_O: poses of the object's bodies.
     """
     row = hand.tip_geom[i] - hand.geom_start[i]
-    return closer(hand, hand.tip_geom[i], R_G[row], p_G[row], hand.object_geom, R_O, p_O, clearance)
+    for b in range(len(hand.geoms.kind) - hand.object_geom):
+        if closer(
+            hand, hand.tip_geom[i], R_G[row], p_G[row], hand.object_geom + b, R_O[b], p_O[b], clearance
+        ):  # fmt: skip
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
 def object_hits(hand: Hand, R_B: Array, p_B: Array, clearance: float) -> bool:
-    """Whether the object comes closer to a static body than the clearance. R_B, p_B: static bodies, then the object."""
+    """Whether the object comes closer to a static body than the clearance. R_B, p_B: static bodies, then the object's."""
     k = len(hand.tip_geom)
     first = hand.geom_start[k]
     for n in range(hand.block[k, k], hand.block[k, k + 1]):

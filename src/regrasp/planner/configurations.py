@@ -16,12 +16,13 @@ from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import cross, multiply_back, triple, unit
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import field, frame
-from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free, under
+from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,7 +41,7 @@ class Configurations(Record):
     the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
 
     after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (k, n + 1, C): on candidate c in configuration
-    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object. number (N,); R_WL, p_WL, of one
+    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object's. number (N,); R_WL, p_WL, of one
     chain: scratch.
     """
 
@@ -81,16 +82,17 @@ class Grasp:
 
 
 def bodies_along(hand: Hand, path: Path) -> tuple[Array, Array]:
-    """R_WB (n + 1, B, 3, 3), p_WB (n + 1, B, 3): the static bodies, then the object, at the ends of all intervals."""
+    """R_WB (n + 1, B, 3, 3), p_WB (n + 1, B, 3): the static bodies, then the object's, at the ends of all intervals."""
     n = len(path.R_WO)
     static = slice(hand.geom_start[-1], hand.object_geom)
-    count = hand.object_geom - hand.geom_start[-1] + 1
+    own = slice(hand.object_geom, len(hand.geoms.kind))
+    count, first = len(hand.geoms.kind) - hand.geom_start[-1], hand.object_geom - hand.geom_start[-1]
     R_WB, p_WB = np.empty((n + 1, count, 3, 3)), np.empty((n + 1, count, 3))
-    R_WB[:, :-1], p_WB[:, :-1] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    R_WB[:, :first], p_WB[:, :first] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
     R_WO = np.concatenate([path.R_WO[:, 0], path.R_WO[-1:, -1]])
     p_WO = np.concatenate([path.p_WO[:, 0], path.p_WO[-1:, -1]])
-    R_WB[:, -1] = R_WO @ hand.geoms.R_LG[hand.object_geom]
-    p_WB[:, -1] = R_WO @ hand.geoms.p_LG[hand.object_geom] + p_WO
+    R_WB[:, first:] = R_WO[:, None] @ hand.geoms.R_LG[own]
+    p_WB[:, first:] = (R_WO[:, None] @ hand.geoms.p_LG[own, :, None])[..., 0] + p_WO[:, None]
     return R_WB, p_WB
 
 
@@ -236,7 +238,7 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 @njit(cache=True, nogil=True)
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
-    _, slope = field(hand.kind_O, hand.size_O, p_O)
+    _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 
@@ -315,7 +317,7 @@ def onward(
 def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
     """How many blocks of agent i's own bodies collide in its configuration c at the end of interval j − 1."""
     if found.own[c] == UNKNOWN:
-        k, last = len(hand.tip_geom), found.R_WB.shape[1] - 1
+        k, last = len(hand.tip_geom), object_row(hand)
         R_G, p_G, R_B, p_B = found.R_WG[c], found.p_WG[c], found.R_WB[j], found.p_WB[j]
         count = 0
         if hits(hand, i, i, R_G, p_G, R_G, p_G, 0.0):
@@ -323,7 +325,7 @@ def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearanc
         if hits(hand, i, k, R_G, p_G, R_B, p_B, clearance):
             count += 1
         if hits(hand, i, k + 1, R_G, p_G, R_B[last:], p_B[last:], clearance) or (
-            not found.holds[c] and tip_hits(hand, i, R_G, p_G, R_B[last], p_B[last], clearance)
+            not found.holds[c] and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], clearance)
         ):
             count += 1
         found.own[c] = count

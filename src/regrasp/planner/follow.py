@@ -7,25 +7,27 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward, jacobian
-from regrasp.kernels.contact import advance
+from regrasp.kernels.contact import OK, advance, settle
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
-from regrasp.kernels.rotations import multiply, multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import minus, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import project
+from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_near
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
+from regrasp.planner.tips import fits, plain, under
 
 Array = NDArray[np.float64]
 
 REACHED = 1e-7  # m and rad: an inverse-kinematics residual below this is round-off
 SUBSTEPS = cast(
     int, np.int64(1)
-)  # of the contact equations in one interval: good to 1 µm on a tip's way of some millimetres
+)  # of the contact equations in one interval for a ball on a smooth object: good to 1 µm on a way of some millimetres
 SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample is at a singularity
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
+AGREEING = 12  # places and attitudes of a short chain's tip that is no ball, until they agree
 AGILE = 4.0  # rad per rad
 JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
@@ -145,6 +147,17 @@ def reach_tip(
 
 
 @njit(cache=True, nogil=True)
+def roll(
+    hand: Hand, i: int, command: Array, steps: int, p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array
+) -> bool:  # fmt: skip
+    """Move agent i's contact by a command (ω_x, ω_y, v_x, v_y) in so many steps; whether it can, and stays the only one."""
+    status = advance(
+        hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, command, steps, p_OC, p_TC, R_OT, x_O
+    )
+    return status == OK and fits(hand, i, p_OC, p_TC, R_OT)
+
+
+@njit(cache=True, nogil=True)
 def short_step(
     hand: Hand, R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, i: int, command: Array, steps: float,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
@@ -153,7 +166,8 @@ def short_step(
 
     The relative linear velocity is a hard constraint; the commanded relative angular velocity is met in the least-squares
     sense, and the contact evolves by the relative angular velocity actually achieved. Midpoint rule in the joints, then
-    the tip's position is settled exactly. command: ω_x, ω_y, v_x, v_y over this step, in C. steps: samples that it goes.
+    the tip's position is settled exactly; where that turns a tip that is no ball, its contact rolls on as it turns.
+    command: ω_x, ω_y, v_x, v_y over this step, in C. steps: samples that it goes.
     """
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     J = np.empty((6, n_a))
@@ -168,7 +182,7 @@ def short_step(
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
-        project(hand.kind_O, hand.size_O, foot, foot, n)
+        project(hand.kind_O, hand.size_O, hand.grids, foot, foot, n)
         u = 0.5 * stage
         for a in range(3):
             y[a] = n[(a + 1) % 3] * x[(a + 2) % 3] - n[(a + 2) % 3] * x[(a + 1) % 3]
@@ -196,10 +210,22 @@ def short_step(
         step[2], step[3] = part * command[2], part * command[3]
         if stage == 0:
             # Where the tip spins and the surface bends, ω has other parts in the tangents half-way.
-            advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), foot, p_TM, R_OM, x)
+            advance(
+                hand.kind_O,
+                hand.size_O,
+                hand.kind_T[i],
+                hand.size_T[i],
+                hand.grids,
+                step,
+                whole(1),
+                foot,
+                p_TM,
+                R_OM,
+                x,
+            )
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
-    advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1), p_OC, p_TC, R_OT, x_O)
+    kept = roll(hand, i, step, whole(1), p_OC, p_TC, R_OT, x_O)
     quickest, beyond, first = 0.0, 0.0, hand.chains.start[i]
     for a in range(n_a):
         middle[a] = q[a] = q[a] + dq[a]
@@ -211,18 +237,28 @@ def short_step(
     for a in range(3):
         w[a] = 0.0
     residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
+    # The tip's orientation is what the joints give, and the touching point follows from it.
+    multiply_back(R_Z, R_WL[n_a], R_OT)
+    if hand.kind_T[i] == SPHERE:
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+        under(hand, i, R_OT, n, p_TC)
+    else:
+        agree = False
+        for _ in range(AGREEING):
+            status, _ = settle(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, p_OC, p_TC, R_OT)
+            tip_target(R_Z, p_Z, p_OC, p_TC, R_OT, R_WT, p_WT)
+            agree = status == OK and norm(minus(p_WT, p_WL[n_a])) < REACHED
+            if status != OK or agree:
+                break
+            residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
+            multiply_back(R_Z, R_WL[n_a], R_OT)
+        kept = kept and agree
     settled = 0.0
     for a in range(n_a):
         settled = max(settled, abs(q[a] - middle[a]))
-    # The tip's orientation is what the joints give; for a sphere the touching point follows from it.
-    multiply_back(R_Z, R_WL[n_a], R_OT)
-    project(hand.kind_O, hand.size_O, p_OC, foot, n)
-    rotate_back(R_OT, n, r)
-    for a in range(3):
-        p_TC[a] = -hand.size_T[i, 0] * r[a]
     # Near a singularity or a joint limit the rates can't be met, and settling would slip or turn the tip instead.
     met = defect < REACHED * steps and quickest < SPURT * steps and settled < SETTLE * steps * steps
-    return met and residual < REACHED and beyond < SETTLE
+    return kept and met and residual < REACHED and beyond < SETTLE
 
 
 @njit(cache=True, nogil=True)
@@ -256,8 +292,8 @@ def follow(
     """
     m = path.R_WO.shape[1] - 1
     if is_full(hand, i):
-        advance(hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], command, SUBSTEPS, p_OC, p_TC, R_OT, x_O)
-        return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+        kept = roll(hand, i, command, SUBSTEPS if plain(hand, i) else m, p_OC, p_TC, R_OT, x_O)
+        return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL) and kept
     fine = True
     step = command / m
     for s in range(m):

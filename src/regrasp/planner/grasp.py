@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
-from regrasp.kernels.inverse import inverse_point
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import project
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
-from regrasp.planner.follow import REACHED, is_full
+from regrasp.planner.follow import is_full
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
-from regrasp.planner.scan import LOOKS, Scan, candidate_free, look_ahead, outlook_of, stay_on, touch_down
+from regrasp.planner.scan import LOOKS, Scan, candidate_free, look_ahead, lower, outlook_of, stay_on, touch_down
 from regrasp.planner.supports import STICK
 from regrasp.planner.terms import Terms
+from regrasp.planner.tips import tip_gap, under
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
@@ -68,12 +68,13 @@ class GraspSearch:
 
 
 def contact_from(hand: Hand, i: int, R_WO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
-    """(p_OC, p_TC, R_OT) of a spherical tip that touches the object at p_O with joints q."""
+    """(p_OC, p_TC, R_OT) of a tip that touches the object at p_O with joints q."""
     count = len(q)
     R_WL, p_WL = np.empty((count + 1, 3, 3)), np.empty((count + 1, 3))
     forward(hand.chains, i, q, R_WL, p_WL)
-    R_OT = R_WO.T @ R_WL[count]
-    return p_O, -hand.size_T[i, 0] * (R_OT.T @ n_O), R_OT
+    R_OT, p_TC = R_WO.T @ R_WL[count], np.empty(3)
+    under(hand, i, R_OT, n_O, p_TC)
+    return p_O, p_TC, R_OT
 
 
 def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array, Array]]) -> Grasp:
@@ -86,15 +87,6 @@ def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array,
         p_OC[i], p_TC[i], R_OT[i] = contact_from(hand, i, R_WO, joints, p_O, n_O)
         holds[i] = 1
     return Grasp(q, holds, p_OC, p_TC, R_OT)
-
-
-def near(hand: Hand, i: int, p_WT: Array, a_W: Array, seed: Array, q: Array, R_WL: Array, p_WL: Array) -> bool:
-    """Joints q of agent i, from the seed, with the tip at p_WT and pointing along a_W as well as it can; whether it gets there.
-
-    What `touch_down` does for chains without a closed form; arms that have one point their tools exactly there or not at all.
-    """
-    q[:] = seed
-    return bool(inverse_point(hand.chains, i, p_WT, hand.axis_T[i], a_W, q, R_WL, p_WL)[0] < REACHED)
 
 
 def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
@@ -112,7 +104,7 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
                 return Failure("grasp", "start.grasp", contact.agent, f"{len(q)} joint values", f"give {last - first}")
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
-            gap = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
+            gap = tip_gap(hand, i, R_WO.T @ R_WL[last - first], centre, foot, n)
             if abs(gap) > 1e-3:
                 return Failure(
                     "grasp", "start.grasp", contact.agent, f"its tip is {1e3 * gap:.1f} mm from the object's surface",
@@ -121,12 +113,14 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             direction = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
         else:
             q = hand.home[first:last].copy()
-            project(hand.kind_O, hand.size_O, np.array(contact.point, float), foot, n)
+            project(hand.kind_O, hand.size_O, hand.grids, np.array(contact.point, float), foot, n)
             direction = -n
-        seed = q.copy()
-        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, q, R_WL, p_WL) and not near(
-            hand, i, R_WO @ (foot + hand.size_T[i, 0] * n) + p_WO, R_WO @ direction, seed, q, R_WL, p_WL
-        ):
+        stand, seed = (hand, i, R_WO, p_WO, foot, n, 0.0, direction), q.copy()
+        reached = touch_down(*stand, q, R_WL, p_WL)
+        if not reached:  # an arm with a closed form points its tool exactly there or not at all
+            q = seed
+            reached = lower(*stand, q, R_WL, p_WL)
+        if not reached:
             return Failure(
                 "reach", "start.grasp", contact.agent, f"cannot reach the contact at {np.round(foot, 4).tolist()}",
                 "a point nearer to the agent's base, or a larger hand",
@@ -355,11 +349,12 @@ def find_grasp(
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
         forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+    own = object_row(hand)
     for i in off:
         if (
             hits(hand, i, k, rest_R[i], rest_p[i], R_WB[0], p_WB[0], 0.0)
-            or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, -1:], p_WB[0, -1:], 0.0)
-            or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, -1], p_WB[0, -1], 0.0)
+            or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
+            or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
     short = not all(is_full(hand, i) for i in agents)

@@ -3,22 +3,24 @@
 from dataclasses import replace
 
 import numpy as np
-from mujoco import mjtGeom
 from numpy.typing import NDArray
 
-from regrasp.errors import InputError
 from regrasp.kernels.chains import SLIDE, Chains
-from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, POINT, SEGMENT
+from regrasp.kernels.cores import BOX, CYLINDER, ELLIPSOID, HULL, POINT, SEGMENT
 from regrasp.kernels.distances import OBJECT, STATIC, Geoms
+from regrasp.kernels.grids import Grids, grids_of
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import BOX as BOX_SURFACE
-from regrasp.kernels.surfaces import CAPSULE, SPHERE
+from regrasp.kernels.surfaces import CAPSULE, MESH, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
 from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
 from regrasp.kernels.wrist import Wrists, wrists_of
 from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.planner.hulls import hull_core, widened
+from regrasp.scene import matter
+from regrasp.scene.links import Part
 from regrasp.scene.schema import FREEDOMS
-from regrasp.scene.world import World
+from regrasp.scene.world import Agent, World
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,12 +32,13 @@ class Hand(Record):
     """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
 
     chains: the agents' serial chains; wrists: their inverse kinematics in closed form, where there is one; geoms: every body,
-    agents first, then static, the object last.
+    agents first, then static, the convex parts of the object last.
     geom_start (k + 1,): geoms of agent i are geom_start[i] … geom_start[i + 1] − 1.
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
-    tip_geom (k,), object_geom: indices into geoms.
-    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`).
+    tip_geom (k,), object_geom: indices into geoms, of the tips and the object's first part.
+    kind_O, size_O; kind_T (k,), size_T (k, 4): surfaces of the object and of the tips (`kernels.surfaces`), meshes among them
+    on the grids.
     needed: contacts that must stick for the object's pose to be determined. shifts, turns (3,): 1 for the axes of W along
     and about which disturbances act, 0 for those that would lead out of the scene's plane.
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
@@ -55,6 +58,7 @@ class Hand(Record):
     size_O: Array
     kind_T: Ints
     size_T: Array
+    grids: Grids
     needed: int
     shifts: Array
     turns: Array
@@ -68,30 +72,52 @@ class Hand(Record):
     weight: float
 
 
-def geom_index(world: World) -> dict[int, int]:
-    """Where each colliding geom of the model stands in Hand.geoms; all geoms of the object are one body there."""
-    ids = [int(g) for agent in world.agents for g in agent.geoms] + [int(g) for g in world.static_geoms]
-    return {g: a for a, g in enumerate(ids)} | {int(g): len(ids) for g in world.object_geoms}
+def parts_of(world: World, geoms: Ints) -> list[Part]:
+    """The convex bodies that geoms (ids) are in Hand.geoms: one, or the primitives that stand for a mesh."""
+    return [(int(g), i) for g in geoms for i in range(len(world.links.shapes.get(int(g), (None,))))]
+
+
+def geom_index(world: World) -> dict[int, list[int]]:
+    """Where the bodies of each colliding geom of the model stand in Hand.geoms; all geoms of a tip are one
+    there, those of the object its convex parts together."""
+    index: dict[int, list[int]] = {}
+    for row, (geom, _) in enumerate(
+        parts_of(world, np.concatenate([*map(solids_of, world.agents), world.static_geoms]))
+    ):
+        index.setdefault(geom, []).append(row)
+    last = sum(map(len, index.values()))
+    tips = {int(g): index[agent.tip_geom] for agent in world.agents for g in agent.tip_geoms}
+    parts = list(range(last, last + len(world.matter.parts)))
+    return index | tips | {int(g): parts for g in world.object_geoms}
+
+
+def solids_of(agent: Agent) -> Ints:
+    """The geoms of an agent, its tip counted once, however many it is made of."""
+    return np.setdiff1d(agent.geoms, agent.tip_geoms[1:])
 
 
 def hand_of(world: World) -> Hand:
     """The kernel arrays of a world.
 
-    Raises InputError where a body has no kernel: for a tip that is not a sphere, and as `arrays` says.
+    Raises InputError where a body has no kernel, as `arrays` says.
     """
     model, agents = world.model, world.agents
-    for agent in agents:
-        if model.geom_type[agent.tip_geom] != mjtGeom.mjGEOM_SPHERE:
-            raise InputError(f"agents.{agent.name}.tip", "is not a sphere", "a sphere geom at the end of the finger")
     joints = [agent.joints.tolist() for agent in agents]
     index = geom_index(world)
-    ids = [geom for geom in index if geom not in world.object_geoms]
+    parts = parts_of(world, np.concatenate([*map(solids_of, agents), world.static_geoms]))
     chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
     # Between two samples a plan's spline passes their joint values by a little.
     chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
-    geoms = with_object(geoms_from(model, ids, joints, world.object_body), world.object_kind, world.object_size)
-    starts = np.cumsum([0, *(len(agent.geoms) for agent in agents)])
-    pairs, block = blocks([(index[int(a)], index[int(b)]) for a, b in world.collision_pairs], geoms.agent, len(agents))
+    bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes)
+    tips = [index[agent.tip_geom][0] for agent in agents]
+    for row, agent in zip(tips, agents, strict=True):
+        bodies.kind[row], bodies.core[row, :3], bodies.radius[row] = core_of(agent.tip_kind, agent.tip_size)
+        bodies.bound[row] = bounding_radius(agent.tip_kind, agent.tip_size)
+    geoms = with_object(bodies, world.matter.parts)
+    starts = np.cumsum([0, *(len(parts_of(world, solids_of(agent))) for agent in agents)])
+    spared = {(index[g][i], index[h][j]) for (g, i), (h, j) in world.links.spared}
+    apart = {(a, b) for g, h in world.collision_pairs for a in index[int(g)] for b in index[int(h)]} - spared
+    pairs, block = blocks(sorted(apart), geoms.agent, len(agents))
     mass = float(model.body_mass[world.object_body])
     g = float(np.linalg.norm(model.opt.gravity))
     weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
@@ -102,6 +128,7 @@ def hand_of(world: World) -> Hand:
     # Three points that stick determine a pose; two leave the turn about their line, which leads out of every plane with it.
     needed = 3 if plane is None else 2
     free = plane or FREEDOMS
+    grid = world.object_grid
     return Hand(
         chains=chains,
         wrists=wrists_of(chains),
@@ -109,12 +136,13 @@ def hand_of(world: World) -> Hand:
         geom_start=starts.astype(np.int64),
         pairs=pairs,
         block=block,
-        tip_geom=np.array([index[agent.tip_geom] for agent in agents], np.int64),
-        object_geom=len(ids),
+        tip_geom=np.array(tips, np.int64),
+        object_geom=len(parts),
         kind_O=world.object_kind,
         size_O=world.object_size,
-        kind_T=np.full(len(agents), SPHERE, np.int64),
-        size_T=np.array([[model.geom_size[agent.tip_geom, 0], 0.0, 0.0, 0.0] for agent in agents]),
+        kind_T=np.array([agent.tip_kind for agent in agents], np.int64),
+        size_T=np.array([agent.tip_size for agent in agents]),
+        grids=grids_of([] if grid is None else [(grid.origin, grid.spacing, grid.values)]),
         needed=needed,
         shifts=np.array([float(axis in free) for axis in ("x", "y", "z")]),
         turns=np.array([float(axis in free) for axis in ("rx", "ry", "rz")]),
@@ -124,7 +152,7 @@ def hand_of(world: World) -> Hand:
         axis_T=np.array(axis),
         reach=np.array(reach),
         p_OM_O=np.array(model.body_ipos[world.object_body]),
-        radius=bounding_radius(world.object_kind, world.object_size),
+        radius=float(np.max(geoms.bound[len(parts) :] + np.linalg.norm(geoms.p_LG[len(parts) :], axis=1))),
         weight=weight,
     )
 
@@ -171,8 +199,8 @@ def blocks(pairs: list[tuple[int, int]], owner: Ints, k: int) -> tuple[Ints, Int
     return np.array(flat, np.int64).reshape(-1, 2), block
 
 
-def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
-    """The geoms with the object appended as one convex core with a radius (its rounding)."""
+def core_of(kind: int, size: Array) -> tuple[int, Array, float]:
+    """Kind, half extents and radius (its rounding) of the convex core of a surface."""
     edge = size[3]
     core, radius = {
         SPHERE: (np.zeros(3), size[0]),
@@ -184,20 +212,32 @@ def with_object(geoms: Geoms, kind: int, size: Array) -> Geoms:
     code = {
         SPHERE: POINT, ELLIPSOID_SURFACE: ELLIPSOID, CAPSULE: SEGMENT, CYLINDER_SURFACE: CYLINDER, BOX_SURFACE: BOX,
     }[kind]  # fmt: skip
+    return code, core, float(radius)
+
+
+def with_object(geoms: Geoms, parts: tuple[matter.Part, ...]) -> Geoms:
+    """The geoms with the object's parts appended, each a convex core with a radius."""
+    cores = [hull_core(part.vertices) if part.kind == MESH else core_of(part.kind, part.size)[1] for part in parts]
+    kinds = [HULL if part.kind == MESH else core_of(part.kind, part.size)[0] for part in parts]
+    radii = [float(part.size[3]) if part.kind == MESH else core_of(part.kind, part.size)[2] for part in parts]
+    bounds = [
+        float(np.max(np.linalg.norm(part.vertices, axis=1)) + part.size[3]) if part.kind == MESH
+        else bounding_radius(part.kind, part.size) for part in parts
+    ]  # fmt: skip
     return Geoms(
-        kind=np.append(geoms.kind, code),
-        core=np.vstack([geoms.core, core]),
-        radius=np.append(geoms.radius, radius),
-        R_LG=np.concatenate([geoms.R_LG, np.eye(3)[None]]),
-        p_LG=np.vstack([geoms.p_LG, np.zeros(3)]),
-        bound=np.append(geoms.bound, bounding_radius(kind, size)),
-        agent=np.append(geoms.agent, OBJECT),
-        link=np.append(geoms.link, 0),
+        kind=np.append(geoms.kind, kinds),
+        core=widened([*geoms.core, *cores]),
+        radius=np.append(geoms.radius, radii),
+        R_LG=np.concatenate([geoms.R_LG, *(part.R_OP[None] for part in parts)]),
+        p_LG=np.vstack([geoms.p_LG, *(part.p_OP for part in parts)]),
+        bound=np.append(geoms.bound, bounds),
+        agent=np.append(geoms.agent, [OBJECT] * len(parts)),
+        link=np.append(geoms.link, [0] * len(parts)),
     )
 
 
 def bounding_radius(kind: int, size: Array) -> float:
-    """Radius of the ball about the object's origin that holds it, m."""
+    """Radius of the ball about the origin of a surface that holds it, m."""
     edge = float(size[3])
     if kind == BOX_SURFACE:
         return float(np.linalg.norm(size[:3] - edge)) + edge

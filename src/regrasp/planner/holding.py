@@ -26,6 +26,7 @@ from regrasp.planner.motions import whole
 from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support, gap
+from regrasp.planner.tips import sharpest
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,10 @@ LOOKED_AT = (0, 2, 4)
 
 
 class Touchable(Record):
-    """Where fingers could touch: points p_O, outward normals n_O (C, 3); the smallest tip's radius; what it keeps clear by."""
+    """Where fingers could touch: points p_O, outward normals n_O (C, 3).
+
+    tip: radius of a ball that any tip is larger than next to its contact; clearance: what it keeps clear by.
+    """
 
     p_O: Array
     n_O: Array
@@ -46,8 +50,8 @@ class Touchable(Record):
 
 def touchable(hand: Hand, clearance: float) -> Touchable:
     """A near-uniform sampling of the object's surface."""
-    p_O, n_O = sample(hand.kind_O, hand.size_O, POINTS)
-    return Touchable(p_O, n_O, float(np.min(hand.size_T[:, 0])), clearance)
+    p_O, n_O = sample(hand.kind_O, hand.size_O, hand.grids, POINTS)
+    return Touchable(p_O, n_O, min(map(sharpest, hand.kind_T, hand.size_T)), clearance)
 
 
 @njit(cache=True, nogil=True)

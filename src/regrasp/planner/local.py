@@ -1,7 +1,6 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
 import math
-import os
 import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ from regrasp.planner.path import Path
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import Relocation, Scan, new_scan
 from regrasp.planner.terms import Energy, Terms
+from regrasp.processors import available
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.search.annealing import State as AnnealingState
 
@@ -141,7 +141,7 @@ def plan_arc(
 
     rngs, waited = rng.spawn(settings.attempts), [0]
     results: list[ArcResult] = []
-    with ThreadPoolExecutor(settings.threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(settings.threads or available()) as pool:
         try:
             runs = [pool.submit(search, run, mine) for run, mine in enumerate(rngs)]
             for run in runs if clock.end == math.inf else as_completed(runs):

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from regrasp.kernels.basis import program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
-from regrasp.kernels.surfaces import project
 from regrasp.plan import RELOCATE, Plan
 from regrasp.planner.assemble import pose_row
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place_agent, tip_hits
-from regrasp.planner.configurations import Grasp, bodies_along
+from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
+from regrasp.planner.configurations import Grasp, bodies_along, normal_at
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY
@@ -23,6 +22,7 @@ from regrasp.planner.scan import touch_down
 from regrasp.planner.supports import gap, moved_onto
 from regrasp.planner.task import Task
 from regrasp.planner.terms import Energy
+from regrasp.planner.tips import tip_gap
 from regrasp.scene.load import validate
 from regrasp.scene.schema import Scene
 
@@ -48,7 +48,7 @@ def measured_grasp(
 
     An agent touches whose tip is within `touch` of the object's surface; one that the plan has in the air (bears (k,)) only
     within the clearance, so that it is not pulled into contact on its way. The contact is the point of the surface nearest to
-    the tip's centre; the agent's joints are corrected until it is exact. All other agents are where they are.
+    the tip; the agent's joints are corrected until it is exact. All other agents are where they are.
     """
     hand, (R_WO, p_WO) = task.hand, X_WO
     contacts: dict[int, tuple[Array, Array, Array]] = {}
@@ -58,7 +58,7 @@ def measured_grasp(
         foot, n = np.empty(3), np.empty(3)
         forward(hand.chains, i, mine, R_WL, p_WL)
         centre = R_WO.T @ (p_WL[-1] - p_WO)
-        high = project(hand.kind_O, hand.size_O, centre, foot, n) - hand.size_T[i, 0]
+        high = tip_gap(hand, i, R_WO.T @ R_WL[-1], centre, foot, n)
         if high < -touch:
             return Failure(
                 "collision", "start", name, f"its tip is {-1e3 * high:.1f} mm inside the object", "a better measurement"
@@ -101,7 +101,7 @@ def tight(hand: Hand, path: Path, grasp: Grasp, clearance: float) -> bool:
     """Whether any bodies come closer than the clearance in the grasp at the path's start."""
     k, geoms = len(hand.tip_geom), int(np.max(np.diff(hand.geom_start)))
     R_WB, p_WB = bodies_along(hand, path)
-    R_B, p_B = R_WB[0], p_WB[0]
+    R_B, p_B, row = R_WB[0], p_WB[0], object_row(hand)
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     for i in range(k):
         q = grasp.q[hand.chains.start[i] : hand.chains.start[i + 1]]
@@ -110,8 +110,8 @@ def tight(hand: Hand, path: Path, grasp: Grasp, clearance: float) -> bool:
         place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
         if (
             hits(hand, i, k, R_G[i], p_G[i], R_B, p_B, clearance)
-            or hits(hand, i, k + 1, R_G[i], p_G[i], R_B[-1:], p_B[-1:], clearance)
-            or (not grasp.holds[i] and tip_hits(hand, i, R_G[i], p_G[i], R_B[-1], p_B[-1], clearance))
+            or hits(hand, i, k + 1, R_G[i], p_G[i], R_B[row:], p_B[row:], clearance)
+            or (not grasp.holds[i] and tip_hits(hand, i, R_G[i], p_G[i], R_B[row:], p_B[row:], clearance))
             or any(hits(hand, a, i, R_G[a], p_G[a], R_G[i], p_G[i], clearance) for a in range(i))
         ):
             return True
@@ -124,7 +124,7 @@ def held(hand: Hand, path: Path, grasp: Grasp, energy: Energy) -> bool:
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     p, n = grasp.p_OC.copy(), np.zeros((k, 3))
     for i in np.flatnonzero(grasp.holds):
-        n[i] = -(grasp.R_OT[i] @ grasp.p_TC[i]) / hand.size_T[i, 0]
+        normal_at(hand, p[i], n[i])
     found, _, _ = balance(
         hand, path, 0, 0, grasp.holds, np.full(k, STAY, np.int16), p, n, np.zeros((k, 3)), energy.margins, False, lp
     )

@@ -1,6 +1,7 @@
 """The method (paper §3, Fig. 1): subgoals from the global planner, motions between them from the local planner, in a loop."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,9 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     clock = start_clock(settings.time_limit)
     report = progress or (lambda _: None)
     with warmed(report):
-        return plan_task(prepare(scene, settings), seed, clock, report)
+        task = prepare(scene, settings)
+        repairs = task.world.repairs + task.world.links.said
+        return replace(plan_task(task, seed, clock, report), repairs=repairs)
 
 
 def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:

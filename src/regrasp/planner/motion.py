@@ -7,8 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import rotate_back
-from regrasp.kernels.surfaces import project
+from regrasp.kernels.rotations import multiply_back, rotate_back
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full
 from regrasp.planner.hand import RANGE_MARGIN, Hand
@@ -17,6 +16,7 @@ from regrasp.planner.path import Path
 from regrasp.planner.splines import FINE, values
 from regrasp.planner.state import State
 from regrasp.planner.terms import Terms, Work
+from regrasp.planner.tips import tip_gap
 from regrasp.planner.trace import LOST, NO_WAY, trace
 from regrasp.planner.turns import from_rotvec, rotvec
 
@@ -134,13 +134,15 @@ def least_gap(hand: Hand, path: Path, j: int, i: int, fine: Array) -> float:
 def nearest(hand: Hand, i: int, q: Array, R_WO: Array, p_WO: Array) -> float:
     """Least distance of agent i's tip from the object's surface at the joints q (F, n_a) and the object's poses, m."""
     n_a = q.shape[1]
-    R_WL, p_WL, p, n, least = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty(3), np.empty(3), np.inf
+    R_WL, p_WL, R_OT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), np.empty((3, 3))
+    p, foot, n, least = np.empty(3), np.empty(3), np.empty(3), np.inf
     for s in range(len(q)):
         forward(hand.chains, i, q[s], R_WL, p_WL)
         for a in range(3):
             p[a] = p_WL[n_a, a] - p_WO[s, a]
         rotate_back(R_WO[s], p, p)
-        least = min(least, project(hand.kind_O, hand.size_O, p, p, n) - hand.size_T[i, 0])
+        multiply_back(R_WO[s], R_WL[n_a], R_OT)
+        least = min(least, tip_gap(hand, i, R_OT, p, foot, n))
     return least
 
 

@@ -68,12 +68,14 @@ def _place(pose: Pose) -> str:
 class Outcome:
     """The result of planning: a feasible plan, or a failure; with one for lack of time also the best plan so far.
 
-    tried: the arcs that the local planner was given, in order.
+    tried: the arcs that the local planner was given, in order. repairs: what was put right in the robot, and what planning
+    takes for its meshes, each in a sentence.
     """
 
     plan: Plan | None
     failure: Failure | None
     tried: tuple[Tried, ...] = ()
+    repairs: tuple[str, ...] = ()
 
 
 Report = Callable[[Progress], None]

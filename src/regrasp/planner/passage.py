@@ -8,13 +8,14 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.rotations import multiply_back, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
-from regrasp.planner.collision import hits, place_agent, stands_clear, tip_hits
+from regrasp.planner.collision import hits, object_row, place_agent, stands_clear, tip_hits
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
-from regrasp.planner.scan import tool_direction, touch_down, under
+from regrasp.planner.scan import tool_direction, touch_down
+from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,7 +45,7 @@ def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
         middle = d * np.sqrt(np.sum(a * a))
     else:
         middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
-    project(hand.kind_O, hand.size_O, middle, p, n)
+    project(hand.kind_O, hand.size_O, hand.grids, middle, p, n)
 
 
 @njit(cache=True, nogil=True)
@@ -208,7 +209,7 @@ def way_clear(
     m, k, n_a = path.R_WO.shape[1] - 1, len(hand.tip_geom), q.shape[1]
     rise = m // 4
     lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
-    geoms, last = found.p_WG.shape[1], found.p_WB.shape[1] - 1
+    geoms, last = found.p_WG.shape[1], object_row(hand)
     R_WL, p_WL, here = found.R_WL, found.p_WL, np.empty(n_a)
     R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
     R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
@@ -230,11 +231,11 @@ def way_clear(
             here[a] = q[s, a] if part == 0.0 else (1.0 - part) * q[s, a] + part * q[s + 1, a]
         forward(hand.chains, i, here, R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, R_G, p_G)
-        blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], 1)
+        blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], len(R_A))
         if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
             return False
         rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
-        if not rising and tip_hits(hand, i, R_G, p_G, R_B[last], p_B[last], 0.25 * high):
+        if not rising and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], 0.25 * high):
             return False
         for b in range(k):
             if b == i:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
+from regrasp.kernels.surfaces import MESH
 from regrasp.planner.hand import Hand
 from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, on_surface, patches_along
 from regrasp.planner.turns import angle, from_rotvec, rotvec
@@ -20,7 +21,7 @@ class Path(Record):
     R_WO (n, m + 1, 3, 3), p_WO (n, m + 1, 3): object poses. up_O (n, m + 1, 3): what the contact forces must add up to, in
     units of the weight. support_mode (n, P): separate, stick or slide; support_p_O, support_n_O, support_t_O
     (n, m + 1, P, 3): contact point, normal into the object, direction of sliding friction on the object; support_mu (P,);
-    support_of, support_slot (P,): which support a slot belongs to, and which of its slots (`kernels.patches`) it is.
+    support_of, support_slot (P,): which support a slot belongs to, and which of its slots (`supports.Touches`) it is.
     """
 
     R_WO: Array
@@ -76,7 +77,7 @@ def nominal_path(
     g = float(np.linalg.norm(gravity))
     up_W = -gravity / g if g > 0.0 else np.zeros(3)
     up_O = np.einsum("jsba,b->jsa", R, up_W)
-    radius = float(np.max(hand.size_O[:3]))
+    radius = hand.radius if hand.kind_O == MESH else float(np.max(hand.size_O[:3]))
     touches = patches_along(hand, supports, R_WO, p_WO)
     of, slot = np.nonzero(np.any(touches.present, axis=0))
     present, p_W = touches.present[:, of, slot][index], touches.p_W[:, of, slot][index]
@@ -84,7 +85,8 @@ def nominal_path(
     turns = angle(np.swapaxes(R[:, :-1], -1, -2) @ R[:, 1:])
     bears = bearing(present, p_W, np.linalg.norm(np.diff(p, axis=1), axis=-1) + radius * turns, of)
     used = np.flatnonzero(np.any(bears, axis=0))
-    of, slot, p_W, bears, n_W = of[used], slot[used], p_W[:, :, used], bears[:, used], touches.n_W[:, of[used]][index]
+    of, slot, p_W, bears = of[used], slot[used], p_W[:, :, used], bears[:, used]
+    n_W = touches.n_W[:, of, slot][index]
     p_O = (p_W - p[:, :, None]) @ R
     v = point_velocity(R, p, p_O)
     v -= np.sum(v * n_W, axis=-1, keepdims=True) * n_W

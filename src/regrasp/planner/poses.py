@@ -175,7 +175,7 @@ class PoseGraph:
             if other is not None and other != node:
                 found[other] = None
 
-        step, angle, rounding = self.resolution.step, self.resolution.angle, self.around.radius_O
+        step, angle, rounding = self.resolution.step, self.resolution.angle, float(np.max(self.around.radius_O))
         add_goal = straight(pose, self.goal)
         if self.free.allow(add_goal):
             arc, _ = self.went(add_goal, held)

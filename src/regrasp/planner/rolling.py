@@ -46,7 +46,7 @@ def roll_within(
     foot, n, x, y = stack(3), stack(3), stack(3), stack(3)
     p, c, R, p_best, c_best, R_best = stack(3), stack(3), stack((3, 3)), stack(3), stack(3), stack((3, 3))
     joints, q_best = np.empty_like(q), np.empty_like(q)
-    project(hand.kind_O, hand.size_O, p_OC, foot, n)
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
     best, least = whole(-1), np.inf
     for code in range(STAY, ROLL_MINUS_Y + 1):
         tangents(n, x, y)

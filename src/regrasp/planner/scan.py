@@ -9,21 +9,24 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.grids import Grids
 from regrasp.kernels.inverse import inverse_point, turn_towards
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import project
+from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.path import Path, pose_at
 from regrasp.planner.rolling import roll_within
+from regrasp.planner.tips import over, touches_in_a_point, under
 
 Array = NDArray[np.float64]
 UNKNOWN, FREE, BARRED = 0, 1, 2
+AGREEING = 12  # attitudes of a tip and places for them, until they agree
 NEARER = 6  # steps towards a point of the surface that a short chain can touch
 SPINS = 6  # orientations about the tool's axis that an arm tries
 DIRECTIONS = 3
@@ -70,10 +73,10 @@ class Scan(Record):
     p_WG: Array
 
 
-@functools.cache
-def points(kind: int, size: tuple[float, ...], count: int) -> tuple[Array, Array]:
+@functools.lru_cache(maxsize=8)
+def points(kind: int, size: tuple[float, ...], grids: Grids, count: int) -> tuple[Array, Array]:
     """`sample` of an object's surface, made once: every annealing run of every arc scans the same points."""
-    p_O, n_O = sample(kind, np.array(size), count)
+    p_O, n_O = sample(kind, np.array(size), grids, count)
     p_O.setflags(write=False)
     n_O.setflags(write=False)
     return p_O, n_O
@@ -81,7 +84,7 @@ def points(kind: int, size: tuple[float, ...], count: int) -> tuple[Array, Array
 
 def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     """The candidates on a near-uniform sampling of the object's surface, nothing known of them yet."""
-    p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), settings.candidates)
+    p_O, n_O = points(hand.kind_O, tuple(hand.size_O.tolist()), hand.grids, settings.candidates)
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     shape = (k, n + 1, DIRECTIONS * len(p_O))
@@ -109,12 +112,6 @@ def aim(
     """
     Q, d, a, p, w = stack((8, 6)), stack(3), stack(3), stack(3), stack(3)
     E, R, R_WT = stack((3, 3)), stack((3, 3)), stack((3, 3))
-    r = hand.size_T[i, 0] + height
-    for x in range(3):
-        p[x] = p_O[x] + r * n_O[x]
-    rotate(R_WO, p, p)
-    for x in range(3):
-        p[x] += p_WO[x]
     rotate(R_WO, a_O, a)
     forward(hand.chains, i, q, R_WL, p_WL)
     turn_towards(R_WL[6], hand.axis_T[i], a, d, w)
@@ -129,6 +126,7 @@ def aim(
             w[x] = 2.0 * np.pi / SPINS * spin * a[x]
         exp(w, E)
         multiply(E, R, R_WT)
+        over(hand, i, R_WO, p_WO, p_O, n_O, height, R_WT, p)
         best, least = -1, np.inf
         for s in range(solve_all(hand.chains, hand.wrists, i, R_WT, p, Q)):
             far = 0.0
@@ -148,23 +146,39 @@ def touch_down(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """Joint angles q (in: seed) that put agent i's spherical tip over the point p_O, `height` above the surface.
+    """Joint angles q (in: seed) that put agent i's tip over the point p_O, `height` above the surface.
 
     The tip points along a_O (O), exactly where the arm has a closed form, else as well as it can. Returns whether the position
     is reached.
     """
     if hand.wrists.kind[i] != NONE:
         return aim(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
+    return lower(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
+
+
+@njit(cache=True, nogil=True)
+def lower(
+    hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
+    q: Array, R_WL: Array, p_WL: Array,
+) -> bool:  # fmt: skip
+    """`touch_down` of any chain, the tip pointing along a_O as well as it can.
+
+    Which point of the tip is over p_O depends on how the tip is turned, and that on the joints: the tip's place is found anew
+    for the attitude it has got, until both agree. A ball's place does not depend on it.
+    """
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     p, a = stack(3), stack(3)
-    r = hand.size_T[i, 0] + height
-    for x in range(3):
-        p[x] = p_O[x] + r * n_O[x]
-    rotate(R_WO, p, p)
-    for x in range(3):
-        p[x] += p_WO[x]
     rotate(R_WO, a_O, a)
-    residual, _ = inverse_point(hand.chains, i, p, hand.axis_T[i], a, q, R_WL, p_WL)
-    return residual < REACHED
+    forward(hand.chains, i, q, R_WL, p_WL)
+    over(hand, i, R_WO, p_WO, p_O, n_O, height, R_WL[n_a], p)
+    for _ in range(AGREEING):
+        residual, _ = inverse_point(hand.chains, i, p, hand.axis_T[i], a, q, R_WL, p_WL)
+        if residual >= REACHED or hand.kind_T[i] == SPHERE:
+            return residual < REACHED
+        over(hand, i, R_WO, p_WO, p_O, n_O, height, R_WL[n_a], p)
+        if abs(p[0] - p_WL[n_a, 0]) + abs(p[1] - p_WL[n_a, 1]) + abs(p[2] - p_WL[n_a, 2]) < REACHED:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -181,7 +195,7 @@ def candidate_free(
 ) -> bool:
     """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered.
 
-    R_B, p_B: poses of the static bodies, then the object, in configuration j.
+    R_B, p_B: poses of the static bodies, then the object's, in configuration j.
     """
     known = scan.status[i, j, c]
     if known != UNKNOWN:
@@ -227,9 +241,14 @@ def candidate_free(
             for x in range(3):
                 p[x] = p_WL[last - first, x] - p_WO[x]
             rotate_back(R_WO, p, p)
-            project(hand.kind_O, hand.size_O, p, point, normal)
+            project(hand.kind_O, hand.size_O, hand.grids, p, point, normal)
             reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not reached or not is_agile(hand, i, R_WL, p_WL):
+        return False
+    p_TC, R_OT = stack(3), stack((3, 3))
+    multiply_back(R_WO, R_WL[last - first], R_OT)
+    under(hand, i, R_OT, normal, p_TC)
+    if not touches_in_a_point(hand, i, point, p_TC, R_OT):
         return False
     place_agent(hand, i, R_WL, p_WL, scan.R_WG, scan.p_WG)
     if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_B, p_B, clearance):
@@ -269,7 +288,7 @@ def hold_on(
             for at in range(first, last):
                 if roll_within(hand, path, commands, at, i, p_OC, p_TC, R_OT, q[look], R_WL, p_WL) < 0:
                     return look - 1
-            project(hand.kind_O, hand.size_O, p_OC, p[look], n_O[look])
+            project(hand.kind_O, hand.size_O, hand.grids, p_OC, p[look], n_O[look])
     return LOOKS
 
 
@@ -280,7 +299,7 @@ def outlook_of(
 ) -> float:  # fmt: skip
     """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
 
-    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object. Remembered.
+    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
     """
     n = path.R_WO.shape[0]
     if scan.kept[i, j, c] >= 0.0:
@@ -322,11 +341,3 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
     forward(hand.chains, i, scan.q[i, j, c, :n_a], scan.R_WL, scan.p_WL)
     multiply_back(R_WO, scan.R_WL[n_a], R_OT)
     under(hand, i, R_OT, scan.n[i, j, c], p_TC)
-
-
-@njit(cache=True, nogil=True)
-def under(hand: Hand, i: int, R_OT: Array, n_O: Array, p_TC: Array) -> None:
-    """p_TC = −r R_OTᵀ n, the point of agent i's spherical tip that touches where the object's normal is n."""
-    rotate_back(R_OT, n_O, p_TC)
-    for a in range(3):
-        p_TC[a] *= -hand.size_T[i, 0]

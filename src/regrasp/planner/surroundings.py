@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from regrasp.kernels.distances import bounds_far, distance
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import exp, multiply
+from regrasp.kernels.rotations import exp, multiply, rotate
+from regrasp.kernels.stack import stack
 from regrasp.planner.hand import Hand
 from regrasp.planner.supports import Support
 
@@ -19,11 +20,11 @@ HALVINGS = 32
 
 
 class Surroundings(Record):
-    """B static bodies that the object may meet, each a core with a radius, and the object's own.
+    """B static bodies that the object may meet, each a core with a radius, and the object's own parts.
 
-    kind, radius, bound, carries (B,), core (B, 3), R_WB (B, 3, 3), p_WB (B, 3): carries is 1 for those that the object may
-    touch, all others are obstacles. geom (B,): where they stand in Hand.geoms. kind_O, core_O (3,), radius_O, bound_O: the
-    object's.
+    kind, radius, bound, carries (B,), core (B, C), R_WB (B, 3, 3), p_WB (B, 3): carries is 1 for those that the object may
+    touch, all others are obstacles. geom (B,): where they stand in Hand.geoms. kind_O, radius_O, bound_O (O,), core_O
+    (O, C), R_OP (O, 3, 3), p_OP (O, 3): the object's parts, in O.
     """
 
     kind: NDArray[np.int64]
@@ -34,36 +35,46 @@ class Surroundings(Record):
     p_WB: Array
     carries: Flags
     geom: NDArray[np.int64]
-    kind_O: int
+    kind_O: NDArray[np.int64]
     core_O: Array
-    radius_O: float
-    bound_O: float
+    radius_O: Array
+    bound_O: Array
+    R_OP: Array
+    p_OP: Array
 
 
 def surroundings_of(hand: Hand, supports: tuple[Support, ...]) -> Surroundings:
     """The obstacles that the object may not touch, and the supports; the latter first, in their order."""
     k = len(hand.tip_geom)
     met = hand.pairs[hand.block[k, k] : hand.block[k, k + 1]]
-    obstacles = [int(g) for g in np.unique(met) if g != hand.object_geom]
+    obstacles = [int(g) for g in np.unique(met) if g < hand.object_geom]
     geom = np.array([*(support.geom for support in supports), *obstacles], np.int64)
-    geoms, O = hand.geoms, hand.object_geom  # noqa: E741 - the frame's name
+    geoms, own = hand.geoms, slice(hand.object_geom, len(hand.geoms.kind))
     return Surroundings(
-        geoms.kind[geom], geoms.core[geom].reshape(-1, 3), geoms.radius[geom], geoms.bound[geom],
+        geoms.kind[geom], geoms.core[geom].reshape(-1, geoms.core.shape[1]), geoms.radius[geom], geoms.bound[geom],
         geoms.R_LG[geom].reshape(-1, 3, 3), geoms.p_LG[geom].reshape(-1, 3),
         (np.arange(len(geom)) < len(supports)).astype(np.uint8), geom,
-        int(geoms.kind[O]), geoms.core[O].copy(), float(geoms.radius[O]), float(geoms.bound[O]),
+        geoms.kind[own], geoms.core[own], geoms.radius[own], geoms.bound[own], geoms.R_LG[own], geoms.p_LG[own],
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def gap_to(around: Surroundings, b: int, R: Array, p: Array, limit: float) -> float:
     """Distance of the object at pose (R, p) from body b, m; any value above the limit where it is farther."""
-    if bounds_far(around.p_WB[b], around.bound[b], p, around.bound_O, limit):
-        return limit + 1.0
-    return distance(
-        around.kind[b], around.core[b], around.radius[b], around.R_WB[b], around.p_WB[b],
-        around.kind_O, around.core_O, around.radius_O, R, p, limit,
-    )  # fmt: skip
+    least, R_WP, p_WP = limit + 1.0, stack((3, 3)), stack(3)
+    for o in range(len(around.kind_O)):
+        multiply(R, around.R_OP[o], R_WP)
+        rotate(R, around.p_OP[o], p_WP)
+        for x in range(3):
+            p_WP[x] += p[x]
+        if bounds_far(around.p_WB[b], around.bound[b], p_WP, around.bound_O[o], limit):
+            continue
+        gap = distance(
+            around.kind[b], around.core[b], around.radius[b], around.R_WB[b], around.p_WB[b],
+            around.kind_O[o], around.core_O[o], around.radius_O[o], R_WP, p_WP, limit,
+        )  # fmt: skip
+        least = min(least, gap)
+    return least
 
 
 @njit(cache=True, nogil=True)

@@ -95,4 +95,6 @@ def router_of(
 def names_of(world: World) -> dict[int, str]:
     """What the static bodies are called, by their place in Hand.geoms."""
     index = geom_index(world)
-    return {index[int(g)]: world.model.geom(int(g)).name or "a part of the hand" for g in world.static_geoms}
+    return {
+        row: world.model.geom(int(g)).name or "a part of the hand" for g in world.static_geoms for row in index[int(g)]
+    }

@@ -5,13 +5,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.contact import advance
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, place, place_agent, tip_hits
+from regrasp.planner.collision import hits, object_row, place, place_agent, tip_hits
 from regrasp.planner.configurations import Configurations
-from regrasp.planner.follow import is_full, reach_tip, short_step
+from regrasp.planner.follow import is_full, reach_tip, roll, short_step
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, is_sliding, slide_direction, whole
 from regrasp.planner.passage import free_motion
@@ -37,18 +36,18 @@ def trace_contact(
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     step = command / m
-    project(hand.kind_O, hand.size_O, p_OC[0], foot, n_O[0])
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC[0], foot, n_O[0])
     tangents(n_O[0], x_O[0], y)
     fine = True
     for s in range(m):
         p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1] = p_OC[s], p_TC[s], R_OT[s], x_O[s], q[s]
         if is_full(hand, i):
-            advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], step, whole(1),
-                p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1],
-            )  # fmt: skip
-            if not reach_tip(
-                hand, path, j, s + 1, i, q[s], p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
+            kept = roll(hand, i, step, whole(1), p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1])
+            if (
+                not reach_tip(
+                    hand, path, j, s + 1, i, q[s], p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], q[s + 1], R_WL, p_WL
+                )
+                or not kept
             ):
                 fine = False
         elif not short_step(
@@ -56,7 +55,7 @@ def trace_contact(
             p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL,
         ):  # fmt: skip
             fine = False
-        project(hand.kind_O, hand.size_O, p_OC[s + 1], foot, n_O[s + 1])
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC[s + 1], foot, n_O[s + 1])
     return fine
 
 
@@ -68,9 +67,9 @@ def sample_hits(
     """Blocks that collide at any sample of interval j: found (k, k + 2). q (m + 1, nq) joints of all agents.
 
     holds (k,): in contact all through; ends (k,): in contact at the start (1), the end (2) or both (3) of a free motion,
-    near which its tip may be close to the object. R_B, p_B: static bodies, then the object, which is moved.
+    near which its tip may be close to the object. R_B, p_B: static bodies, then the object's, which are moved.
     """
-    m, k, last = q.shape[0] - 1, len(holds), len(R_B) - 1
+    m, k, last = q.shape[0] - 1, len(holds), object_row(hand)
     geoms = np.max(np.diff(hand.geom_start))
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     obj, obj_p = np.zeros((1, 3, 3)), np.zeros((1, 3))
@@ -79,7 +78,7 @@ def sample_hits(
     R_WL, p_WL = np.empty((joints + 1, 3, 3)), np.empty((joints + 1, 3))
     for s in range(m + 1):
         obj[0], obj_p[0] = path.R_WO[j, s], path.p_WO[j, s]
-        place(hand, hand.object_geom, hand.object_geom + 1, obj, obj_p, R_B[last:], p_B[last:])
+        place(hand, hand.object_geom, len(hand.geoms.kind), obj, obj_p, R_B[last:], p_B[last:])
         for i in range(k):
             forward(hand.chains, i, q[s, hand.chains.start[i] : hand.chains.start[i + 1]], R_WL, p_WL)
             place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
@@ -91,7 +90,7 @@ def sample_hits(
             if hits(hand, a, k, R_G[a], p_G[a], R_B, p_B, clearance):
                 found[a, k] = 1
             if hits(hand, a, k + 1, R_G[a], p_G[a], R_B[last:], p_B[last:], clearance) or (
-                holds[a] == 0 and not near and tip_hits(hand, a, R_G[a], p_G[a], R_B[last], p_B[last], clearance)
+                holds[a] == 0 and not near and tip_hits(hand, a, R_G[a], p_G[a], R_B[last:], p_B[last:], clearance)
             ):
                 found[a, k + 1] = 1
 

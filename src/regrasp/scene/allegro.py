@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.scene.forms import AllegroHand
 from regrasp.scene.parts import LINK_COLOUR, capsule, hinge, tip
 from regrasp.scene.pose import about, multiply
 
@@ -60,6 +61,14 @@ DENSITY = 2900.0
 ARMATURE = 1e-4  # kg m², a small geared motor
 DAMPING = 1e-2  # N m s/rad
 
+# At rest: bent enough to touch something above the palm, the thumb across from the fingers.
+HOME = {
+    "index": (0.0, 0.5, 0.8, 0.8),
+    "middle": (0.0, 0.5, 0.8, 0.8),
+    "ring": (0.0, 0.5, 0.8, 0.8),
+    "thumb": (1.2, 0.5, 0.5, 0.6),
+}
+
 
 def attach(palm: mujoco.MjsBody, mirrored: bool, tip_radius: float) -> None:
     """Adds the palm's box and the four fingers to the static body `palm`, whose frame is P.
@@ -96,3 +105,21 @@ def _finger(palm: mujoco.MjsBody, name: str, position: Array, turn: Array, side:
 def limits(name: str) -> tuple[Array, Array]:
     """Joint ranges of a finger, rad."""
     return (THUMB_LOWER, THUMB_UPPER) if name == "thumb" else (LOWER, UPPER)
+
+
+def place(spec: mujoco.MjSpec, hand: AllegroHand) -> None:
+    """Adds the hand to the world `spec`."""
+    pose = hand.pose
+    palm = spec.worldbody.add_body(name="palm", pos=pose.p + pose.R @ ORIGIN, quat=multiply(pose.wxyz, ATTITUDE))
+    attach(palm, hand.side == "left", hand.tip_radius)
+    # These overlap by construction: the first joints are in the palm, and the thumb's second link is as short as thick.
+    for name in hand.finger_names:
+        spec.add_exclude(bodyname1="palm", bodyname2=f"{name}/link1")
+    spec.add_exclude(bodyname1="palm", bodyname2="thumb/link2")
+    spec.add_exclude(bodyname1="thumb/link1", bodyname2="thumb/link3")
+
+
+def home(hand: AllegroHand, name: str) -> Array:
+    """Joint angles (4,) of the finger `name` at rest."""
+    given = {str(finger): angles for finger, angles in hand.home.items()}
+    return np.array(given.get(name, HOME[name]))

@@ -33,3 +33,40 @@ def pairs(model: mujoco.MjModel, tips: Ids, object_geoms: Ids, supports: Ids) ->
 def _signatures(model: mujoco.MjModel) -> Ids:
     first, second = model.exclude_signature >> 16, model.exclude_signature & 0xFFFF
     return (np.minimum(first, second) << 16) + np.maximum(first, second)
+
+
+NEIGHBOURS = 2
+"""So many joints apart, bodies of a chain are neighbours, or neighbours but one."""
+REACH = 1e-2
+"""Bodies farther apart than this, m, are not told apart."""
+
+
+def overlaps(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, int, float]]:
+    """Bodies of a robot that overlap though they must not, with their depth, m; `data` after mj_kinematics."""
+    none = np.zeros(0, dtype=np.int64)
+    deepest: dict[tuple[int, int], float] = {}
+    for a, b in pairs(model, none, none, none):
+        depth = -mujoco.mj_geomDistance(model, data, int(a), int(b), REACH, None)
+        bodies = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
+        if depth > 0.0:
+            deepest[bodies] = max(depth, deepest.get(bodies, 0.0))
+    return [(a, b, depth) for (a, b), depth in deepest.items()]
+
+
+def apart(model: mujoco.MjModel, a: int, b: int) -> int:
+    """How many moving bodies' joints lie between two bodies, along the tree."""
+    ways = []
+    for body in (a, b):
+        way = [int(model.body_weldid[body])]
+        while way[-1]:
+            way.append(int(model.body_weldid[model.body_parentid[way[-1]]]))
+        ways.append(way)
+    first, second = ways
+    return next(i + second.index(body) for i, body in enumerate(first) if body in second)
+
+
+def vertices(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
+    """Vertices of a geom's mesh in the geom's frame, (n, 3), m: what collides is their convex hull."""
+    mesh = int(model.geom_dataid[geom])
+    first = int(model.mesh_vertadr[mesh])
+    return np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=np.float64)

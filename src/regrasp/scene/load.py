@@ -12,7 +12,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from regrasp.errors import InputError
-from regrasp.scene.schema import MODELS, ModelFile, Scene
+from regrasp.scene.forms import MODELS, ModelFile
+from regrasp.scene.schema import OBJECTS, MeshObject, Scene
 
 # What a wrong type is called where a scene's reader would not know pydantic's name for it.
 _TYPES = {
@@ -56,7 +57,7 @@ def builtin() -> dict[str, str]:
 def load(name_or_path: str | Path) -> Scene:
     """The scene of a built-in name, or of a YAML file (anything with a suffix or a slash is a path).
 
-    A model file named in the scene counts from the scene file's directory. Raises InputError: its line names the first
+    Files named in the scene count from the scene file's directory. Raises InputError: its line names the first
     wrong field, its `others` hold all further ones.
     """
     name = str(name_or_path)
@@ -78,7 +79,7 @@ def load(name_or_path: str | Path) -> Scene:
 
 
 def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
-    """The scene in a YAML text; `file` is what errors call it, `directory` where a relative model file counts from."""
+    """The scene in a YAML text; `file` is what errors call it, `directory` where relative file names count from."""
     try:
         data = yaml.load(text, Loader)
     except yaml.MarkedYAMLError as error:
@@ -87,10 +88,21 @@ def parse(text: str, file: str = "", directory: Path | None = None) -> Scene:
     except yaml.YAMLError as error:
         raise InputError("YAML", str(error).splitlines()[0], "a scene is a YAML file", file) from None
     scene = validate(data, file)
-    if directory is not None and isinstance(scene.model, ModelFile):
-        model = scene.model.model_copy(update={"file": str(directory / scene.model.file)})
-        scene = scene.model_copy(update={"model": model})
-    return scene
+    return scene if directory is None else _placed(scene, directory)
+
+
+def _placed(scene: Scene, directory: Path) -> Scene:
+    """The scene with the files it names counted from the directory."""
+
+    def found(part: Any, **others: Any) -> Any:
+        return part.model_copy(update={"file": str(directory / part.file), **others})
+
+    model = scene.model
+    if isinstance(model, ModelFile):
+        model = found(model, packages={name: str(directory / folder) for name, folder in model.packages.items()})
+    thing = found(scene.object) if isinstance(scene.object, MeshObject) else scene.object
+    bodies = tuple(found(body) if body.file else body for body in scene.environment)
+    return scene.model_copy(update={"model": model, "object": thing, "environment": bodies})
 
 
 def validate(data: Any, file: str = "") -> Scene:
@@ -110,7 +122,9 @@ def dump(scene: Scene) -> str:
 
 
 def _texts() -> Iterator[tuple[str, str]]:
-    for entry in sorted(resources.files("regrasp.scene").joinpath("builtin").iterdir(), key=lambda entry: entry.name):
+    for entry in sorted(
+        resources.files("regrasp.scene").joinpath("builtin").iterdir(), key=lambda entry: Path(entry.name).stem
+    ):
         if entry.name.endswith(".yaml"):
             yield entry.name.removesuffix(".yaml"), entry.read_text(encoding="utf-8")
 
@@ -154,9 +168,10 @@ def _short(value: Any) -> str:
 def _keys(path: Iterable[str | int]) -> list[str]:
     """The legal keys at a path of pydantic's: its model is found by following the schema's annotations along it."""
     models: list[type[BaseModel]] = [Scene]
+    tagged = {**MODELS, **OBJECTS}
     for part in path:
-        if isinstance(part, str) and part in MODELS:
-            models = [MODELS[part]]
+        if isinstance(part, str) and part in tagged:
+            models = [tagged[part]]
         elif isinstance(part, str) and ": " not in part:
             annotations = [model.model_fields[part].annotation for model in models if part in model.model_fields]
             models = [found for annotation in annotations for found in _models(annotation)]

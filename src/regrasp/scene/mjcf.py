@@ -1,29 +1,10 @@
 """A model as MJCF text that stands for itself: every digit kept, every file it needs beside it."""
 
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
-
-
-def embed(spec: mujoco.MjSpec) -> dict[str, bytes]:
-    """Contents of every mesh, texture and height field file the model names, each renamed to a plain unique name."""
-    folder = Path(spec.modelfiledir)
-    files: dict[str, bytes] = {}
-    for elements, subfolder in (
-        (spec.meshes, spec.meshdir),
-        (spec.hfields, spec.meshdir),
-        (spec.textures, spec.texturedir),
-    ):
-        for element in elements:
-            if element.file:
-                source = folder / subfolder / element.file
-                element.file = f"{len(files)}-{source.name}"
-                files[element.file] = source.read_bytes()
-    spec.meshdir = spec.texturedir = ""
-    return files
 
 
 def text(spec: mujoco.MjSpec) -> str:
@@ -47,6 +28,9 @@ def text(spec: mujoco.MjSpec) -> str:
             _joint(element, model)
         elif element.tag == "geom" and element.get("name"):
             _geom(element, model)
+        elif element.tag == "text" and element.text:  # written as CDATA, which this XML library does not keep
+            element.set("data", element.text)
+            element.text = None
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
 

@@ -1,4 +1,6 @@
-"""Parts that every built-in mechanism is made of: capsule links, spherical tips, limited hinges."""
+"""Parts that every built-in mechanism is made of: capsule links, spherical tips, hinges and slides."""
+
+import math
 
 import mujoco
 import numpy as np
@@ -32,13 +34,31 @@ def tip(body: mujoco.MjsBody, name: str, centre: Array, radius: float) -> None:
 def hinge(
     body: mujoco.MjsBody, name: str, axis: Array, lower: float, upper: float, armature: float, damping: float
 ) -> mujoco.MjsJoint:
-    """A hinge at the body's origin with range [lower, upper] rad, motor inertia kg m², viscous friction N m s/rad."""
+    """A hinge at the body's origin with range [lower, upper] rad, motor inertia kg m², viscous friction N m s/rad.
+
+    Without limits where `upper` is infinite.
+    """
+    return _joint(body, name, mujoco.mjtJoint.mjJNT_HINGE, axis, lower, upper, armature, damping)
+
+
+def slide(
+    body: mujoco.MjsBody, name: str, axis: Array, lower: float, upper: float, armature: float, damping: float
+) -> mujoco.MjsJoint:
+    """A slide with range [lower, upper] m, motor inertia as a mass, kg, viscous friction N s/m."""
+    return _joint(body, name, mujoco.mjtJoint.mjJNT_SLIDE, axis, lower, upper, armature, damping)
+
+
+def _joint(
+    body: mujoco.MjsBody, name: str, kind: mujoco.mjtJoint, axis: Array, lower: float, upper: float, armature: float,
+    damping: float,
+) -> mujoco.MjsJoint:  # fmt: skip
+    bounded = math.isfinite(upper)
     return body.add_joint(
         name=name,
-        type=mujoco.mjtJoint.mjJNT_HINGE,
+        type=kind,
         axis=axis,
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=[lower, upper],
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE if bounded else mujoco.mjtLimited.mjLIMITED_FALSE,
+        range=[lower, upper] if bounded else [0.0, 0.0],
         armature=armature,
         damping=[damping, 0, 0],
     )

@@ -16,7 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.scene.parts import capsule, hinge, tip
+from regrasp.scene.forms import PumaHand
+from regrasp.scene.parts import LINK_COLOUR, capsule, hinge, tip
 from regrasp.scene.pose import about
 
 Array = NDArray[np.float64]
@@ -29,6 +30,9 @@ ALPHA = np.array([math.pi / 2, 0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, 0.0
 # [FGL] rad.
 LOWER = np.radians([-160.0, -45.0, -225.0, -110.0, -100.0, -266.0])
 UPPER = np.radians([160.0, 225.0, 45.0, 170.0, 100.0, 266.0])
+
+# At rest: upper arm raised, forearm down, the tool level; joint 1 turns it towards the hand's axis.
+HOME = np.radians([0.0, 40.0, -190.0, 0.0, 60.0, 0.0])
 
 # [C96] Table 2.21, load-referenced speed at which the amplifiers saturate, rad/s.
 SPEED = np.array([1.92, 1.51, 2.40, 5.34, 5.09, 5.74])
@@ -158,3 +162,44 @@ _CAPSULES = {
     1: (((0.0, 0.0, D[2]), (A[1], 0.0, D[2])), LINK_RADIUS),
     2: (((A[2], 0.0, D[2]), (A[2], D[3], D[2])), LINK_RADIUS),
 }
+
+
+def home(hand: PumaHand, name: str) -> Array:
+    """Joint angles (6,) of the finger `name` at rest."""
+    if hand.home is not None:
+        return np.array(hand.home)
+    angles = HOME.copy()
+    if hand.bases is None:
+        # The arm works beside its own axis by d3; turned by this angle its plane holds the hand's axis.
+        angles[0] = math.asin(min(1.0, D[2] * hand.scale / hand.ring))
+    return angles
+
+
+def place(spec: mujoco.MjSpec, hand: PumaHand) -> None:
+    """Adds palm and fingers to the world `spec`."""
+    arm = Puma.sized(hand.scale, hand.tool_length, hand.tip_radius)
+    palm = spec.worldbody.add_body(name="palm", pos=hand.pose.p, quat=hand.pose.wxyz)
+    if hand.palm:
+        radius, half = hand.ring + 2 * LINK_RADIUS * hand.scale, LINK_RADIUS * hand.scale / 2
+        palm.add_geom(
+            name="palm",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            pos=[0, 0, -half],
+            size=[radius, half, 0],
+            rgba=LINK_COLOUR,
+        )
+    bases = _on_ring(hand) if hand.bases is None else [(base.p, base.wxyz) for base in hand.bases]
+    for name, (position, turn) in zip(hand.finger_names, bases, strict=True):
+        base = palm.add_body(name=f"{name}/base", pos=position, quat=turn)
+        arm.attach(base, name)
+        # These overlap by construction: the shoulder stands on the column; forearm and tool meet at the wrist.
+        spec.add_exclude(bodyname1=f"{name}/base", bodyname2=f"{name}/link1")
+        spec.add_exclude(bodyname1=f"{name}/link3", bodyname2=f"{name}/link6")
+
+
+def _on_ring(hand: PumaHand) -> list[tuple[Array, Array]]:
+    """Positions and attitudes, quaternions, of the bases in the palm's frame: evenly on the ring, facing its axis."""
+    angles = [2 * math.pi * i / hand.fingers for i in range(hand.fingers)]
+    return [
+        (hand.ring * np.array([math.cos(angle), math.sin(angle), 0.0]), about(2, angle + math.pi)) for angle in angles
+    ]

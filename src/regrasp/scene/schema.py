@@ -1,19 +1,19 @@
 """The scene file: robot, object, surroundings and task. docs/scenes.md explains every field."""
 
 import math
-import typing
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from regrasp.scene.forms import Model, OwnModel
 from regrasp.scene.pose import Pose, Strict, conjugate, multiply
 from regrasp.scene.units import (
     Acceleration,
-    Angle,
     Coordinate,
+    Density,
     Force,
     Friction,
     JointSpeed,
@@ -26,11 +26,14 @@ from regrasp.scene.units import (
 )
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][\w.-]*$")]
+FileName = Annotated[str, StringConstraints(min_length=1)]
+Rounding = Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")]
+Resolution = Annotated[float, Quantity("m", 1e-4, 0.1, high_hint="metres, not millimetres?")]
 Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
 FREEDOMS: tuple[Freedom, ...] = ("x", "y", "z", "rx", "ry", "rz")
 RESERVED = ("object", "palm", "world")
 NUMBERS = {"plane": "", "sphere": "radius", "ellipsoid": "semi-axes a, b, c", "capsule": "radius, half length",
-           "cylinder": "radius, half height", "box": "half extents x, y, z"}  # fmt: skip
+           "cylinder": "radius, half height", "box": "half extents x, y, z", "mesh": ""}  # fmt: skip
 ROUNDED = ("cylinder", "box")
 
 
@@ -40,16 +43,28 @@ def _check_size(shape: str, size: Sequence[float]) -> None:
         raise fault(f"size has {len(size)} numbers for a {shape}", f"legal: {NUMBERS[shape] or 'no size'}")
 
 
-class Object(Strict):
-    """The object to be moved: a solid of uniform density, frame O at its centre, z along the axis of revolution."""
+class Massive(Strict):
+    """What has a mass: given, or that of a uniform density."""
+
+    mass: Mass | None = None
+    density: Density | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.mass is None) == (self.density is None):
+            raise fault("needs mass or density, not both", "mass: in kg, or density: in kg/m³ (water 1000)")
+        return self
+
+
+class Primitive(Strict):
+    """A convex solid, frame at its centre, z along the axis of revolution."""
 
     shape: Literal["sphere", "ellipsoid", "capsule", "cylinder", "box"]
     size: tuple[Length, ...]
-    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
-    mass: Mass
+    rounding: Rounding = 0.0
 
     @model_validator(mode="after")
-    def _check(self) -> "Object":
+    def _check(self) -> Self:
         _check_size(self.shape, self.size)
         if self.shape not in ROUNDED and self.rounding > 0.0:
             raise fault(f"a {self.shape} has no edges to round", "leave rounding out")
@@ -61,136 +76,114 @@ class Object(Strict):
         return self
 
 
+class Object(Primitive, Massive):
+    """A convex object to be moved, of uniform density."""
+
+
+class Piece(Primitive):
+    """One solid of a union, at `pose` in the union's frame."""
+
+    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+
+
+class UnionObject(Massive):
+    """An object made of solids that overlap or touch, of uniform density; frame O is the one their poses count in."""
+
+    shape: Literal["union"]
+    parts: Annotated[tuple[Piece, ...], Field(min_length=1)]
+    resolution: Resolution | None = None
+
+
+class MeshObject(Massive):
+    """An object whose surface is a mesh in a file, opened by `rounding`; frame O is the file's, scaled.
+
+    resolution: m between the nodes at which the signed distance is kept.
+    """
+
+    shape: Literal["mesh"]
+    file: FileName
+    scale: Scale = 1.0
+    rounding: Length = 0.002
+    resolution: Resolution | None = None
+
+
 class Environment(Strict):
-    """A fixed body. The plane is the half space below z = 0 of its own frame."""
+    """A fixed body. The plane is the half space below z = 0 of its own frame; a mesh's frame is its file's, scaled."""
 
     name: Name
-    shape: Literal["plane", "box", "sphere", "capsule", "cylinder"]
+    shape: Literal["plane", "box", "sphere", "capsule", "cylinder", "mesh"]
     size: tuple[Length, ...] = ()
+    file: FileName | None = None
+    scale: Scale = 1.0
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
     friction: Friction | None = None
 
     @model_validator(mode="after")
     def _check(self) -> "Environment":
         _check_size(self.shape, self.size)
+        if (self.file is None) == (self.shape == "mesh"):
+            raise fault(
+                f"a {self.shape} {'needs a' if self.file is None else 'has no'} file", "shape: mesh, file: shelf.stl"
+            )
+        if self.shape != "mesh" and self.scale != 1.0:
+            raise fault(f"a {self.shape} has no scale", "its size says all")
         return self
 
 
-class PumaHand(Strict):
-    """Puma 560 fingers (or whole arms, at scale 1) evenly on a ring around a palm, the first on its +x side.
+class Tip(Strict):
+    """A fingertip that differs from what the robot has: a box of it with rounded edges (`geom`), or a shape.
 
-    With `bases` they stand at these poses in the palm's frame instead, each stretching along the x axis of its own.
+    The shape is put on the `body` of a model of one's own, at `pose` in its frame, or in the place of a built-in hand's tip.
     """
 
-    hand: Literal["puma"]
-    fingers: Annotated[int, Field(ge=1, le=12)] = 3
-    scale: Scale = 0.3
-    ring: Length = 0.33
-    palm: Annotated[bool, Field(description="whether a solid disc closes the ring")] = True
+    geom: str | None = None
+    body: str | None = None
+    shape: Literal["sphere", "ellipsoid", "capsule", "box"] | None = None
+    size: tuple[Length, ...] = ()
+    rounding: Annotated[float, Quantity("m", 0.0, 10.0, high_hint="metres, not millimetres?")] = 0.0
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-    tip_radius: Length | None = None
-    tool_length: Length | None = None
-    home: tuple[JointValue, JointValue, JointValue, JointValue, JointValue, JointValue] | None = None
-    bases: tuple[Pose, ...] | None = None
 
     @model_validator(mode="after")
-    def _check_bases(self) -> "PumaHand":
-        if self.bases is not None and len(self.bases) != self.fingers:
-            raise fault(f"{len(self.bases)} bases for {self.fingers} fingers", "one pose for each finger")
-        if self.bases is not None and self.palm:
-            raise fault("bases leave no ring for a palm to close", "palm: false")
+    def _check(self) -> "Tip":
+        if (self.geom is None) == (self.shape is None):
+            raise fault("needs geom or shape, not both", "geom: a box of the model, or shape and size")
+        if self.geom is not None and (self.body is not None or self.size):
+            raise fault("a geom of the model has its place and size", "geom and rounding only")
+        if self.geom is not None and self.rounding == 0.0:
+            raise fault("rounding is missing", "tip: NAME takes the geom as it is")
+        if self.shape is not None:
+            _ = self.solid
         return self
 
     @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return tuple(f"finger{i + 1}" for i in range(self.fingers))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ("palm",) if self.palm else ()
+    def solid(self) -> Object:
+        """The shape as a body of water."""
+        assert self.shape is not None
+        return Object(shape=self.shape, size=self.size, rounding=self.rounding, mass=1.0)
 
 
-class PlanarBase(Strict):
-    """Where a planar finger stands: its first hinge at [x, z], its zero direction turned by `angle` from +x to +z."""
-
-    position: tuple[Coordinate, Coordinate]
-    angle: Angle
-    home: tuple[JointValue, JointValue, JointValue] | None = None
-
-
-class PlanarHand(Strict):
-    """Fingers of three hinges about −y, moving in the plane y = 0."""
-
-    hand: Literal["planar"]
-    bases: Annotated[tuple[PlanarBase, ...], Field(min_length=1, max_length=12)]
-    links: tuple[Length, Length, Length] = (0.09, 0.07, 0.05)
-    link_radius: Length = 0.008
-    tip_radius: Length = 0.012
-
-    @model_validator(mode="after")
-    def _check(self) -> "PlanarHand":
-        if self.link_radius > self.tip_radius:
-            raise fault("link_radius exceeds tip_radius", "the tip must stand proud of its link to touch the object")
-        return self
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ()
-
-
-Four = tuple[JointValue, JointValue, JointValue, JointValue]
-Finger = Literal["index", "middle", "ring", "thumb"]
-
-
-class AllegroHand(Strict):
-    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
-
-    hand: Literal["allegro"]
-    side: Literal["right", "left"] = "right"
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-    tip_radius: Length = 0.012
-    home: dict[Finger, Four] = Field(default_factory=dict)
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """The names of the agents this hand offers."""
-        return typing.get_args(Finger)
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ("palm",)
-
-
-class ModelFile(Strict):
-    """A user's own MJCF or URDF file, its world placed at `pose`."""
-
-    file: Annotated[str, StringConstraints(min_length=1)]
-    pose: Pose = Pose(position=(0.0, 0.0, 0.0))
-
-    @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Parts of the robot that may carry the object."""
-        return ()
+def _tip_tag(value: Any) -> str:
+    return "tip: shape" if isinstance(value, dict | Tip) else "tip: name"
 
 
 class AgentSpec(Strict):
     """One finger or arm. For a built-in hand only what differs from the hand's own values is written."""
 
     name: Name
-    tip: str | None = None
+    tip: (
+        Annotated[Annotated[str, Tag("tip: name")] | Annotated[Tip, Tag("tip: shape")], Discriminator(_tip_tag)] | None
+    ) = None
     max_force: Force | None = None
     friction: Friction | None = None
     speed: JointSpeed | None = None
     home: tuple[JointValue, ...] | None = None
+
+    @property
+    def tip_name(self) -> str:
+        """What the tip's geom is called in a model of one's own."""
+        if isinstance(self.tip, Tip):
+            return self.tip.geom or f"{self.name}/tip"
+        return self.tip or ""
 
 
 class Contact(Strict):
@@ -215,19 +208,18 @@ def _supports_tag(value: Any) -> str:
     return "supports: auto" if value == "auto" else "supports: names"
 
 
-def _model_tag(value: Any) -> str | None:
-    if isinstance(value, dict):
-        return "model: file" if "file" in value else f"model: {value.get('hand')}"
-    return next((tag for tag, kind in MODELS.items() if isinstance(value, kind)), None)
+def _object_tag(value: Any) -> str:
+    shape = value.get("shape") if isinstance(value, dict) else getattr(value, "shape", None)
+    return f"object: {shape}" if shape in ("mesh", "union") else "object: solid"
 
 
-# Tags hold a colon, so that `load` can tell them from field names in the paths of pydantic's errors.
-MODELS: dict[str, type[Strict]] = {
-    "model: puma": PumaHand,
-    "model: planar": PlanarHand,
-    "model: allegro": AllegroHand,
-    "model: file": ModelFile,
-}
+OBJECTS: dict[str, type[Strict]] = {"object: solid": Object, "object: union": UnionObject, "object: mesh": MeshObject}
+AnyObject = Annotated[
+    Annotated[Object, Tag("object: solid")]
+    | Annotated[UnionObject, Tag("object: union")]
+    | Annotated[MeshObject, Tag("object: mesh")],
+    Discriminator(_object_tag),
+]
 Grasp = Annotated[
     Annotated[Literal["auto"], Tag("grasp: auto")] | Annotated[tuple[Contact, ...], Tag("grasp: contacts")],
     Discriminator(_grasp_tag),
@@ -235,18 +227,6 @@ Grasp = Annotated[
 Supports = Annotated[
     Annotated[Literal["auto"], Tag("supports: auto")] | Annotated[tuple[str, ...], Tag("supports: names")],
     Discriminator(_supports_tag),
-]
-Model = Annotated[
-    Annotated[PumaHand, Tag("model: puma")]
-    | Annotated[PlanarHand, Tag("model: planar")]
-    | Annotated[AllegroHand, Tag("model: allegro")]
-    | Annotated[ModelFile, Tag("model: file")],
-    Discriminator(
-        _model_tag,
-        custom_error_type="scene",
-        custom_error_message="neither a built-in hand nor a file",
-        custom_error_context={"hint": "legal: hand: puma, hand: planar, hand: allegro, or file: robot.xml"},
-    ),
 ]
 
 
@@ -278,12 +258,12 @@ class Scene(Strict):
     name: Name
     description: str = ""
     model: Model
-    object: Object
+    object: AnyObject
     agents: tuple[AgentSpec, ...] = ()
     environment: tuple[Environment, ...] = ()
     supports: Supports = ()
     friction: Friction = 0.7
-    max_force: Force = 10.0
+    max_force: Force | None = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     freedoms: Annotated[tuple[Freedom, ...], Field(min_length=1)] = FREEDOMS
     start: Start
@@ -294,7 +274,7 @@ class Scene(Strict):
     @property
     def agent_names(self) -> tuple[str, ...]:
         """The agents that take part, in order: those listed, or every finger of the built-in hand."""
-        if isinstance(self.model, ModelFile) or self.agents:
+        if isinstance(self.model, OwnModel) or self.agents:
             return tuple(agent.name for agent in self.agents)
         return self.model.finger_names
 
@@ -323,19 +303,21 @@ def _repeated(names: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 
 def _agent_problems(scene: Scene) -> Iterator[Problem]:
-    if isinstance(scene.model, ModelFile):
+    if isinstance(scene.model, OwnModel):
         if not scene.agents:
             yield "agents", "missing", "a model of your own needs its agents listed: name and tip geom"
         for i, agent in enumerate(scene.agents):
             if agent.tip is None:
                 yield f"agents.{i}.tip", "missing", "the name of the fingertip's geom in the model"
+            elif isinstance(agent.tip, Tip) and agent.tip.shape is not None and agent.tip.body is None:
+                yield f"agents.{i}.tip.body", "missing", "the body of the model that gets this tip"
         return
     fingers = scene.model.finger_names
     for i, agent in enumerate(scene.agents):
         if agent.name not in fingers:
             yield f"agents.{i}.name", f"no finger {agent.name!r}", f"legal: {', '.join(fingers)}"
-        if agent.tip is not None:
-            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out"
+        if agent.tip is not None and not (isinstance(agent.tip, Tip) and agent.tip.shape and agent.tip.body is None):
+            yield f"agents.{i}.tip", "the tips of a built-in hand are fixed", "leave tip out, or give shape and size"
 
 
 def _name_problems(scene: Scene) -> Iterator[Problem]:

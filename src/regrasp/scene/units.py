@@ -65,6 +65,7 @@ Angle = Annotated[float, Quantity("rad", -2 * math.pi, 2 * math.pi, high_hint="r
 JointValue = Annotated[float, Quantity("rad or m", -2 * math.pi, 2 * math.pi, high_hint="radians, not degrees?")]
 JointSpeed = Annotated[float, Quantity("rad/s or m/s", 0.0, 100.0, above=True, high_hint="radians, not degrees?")]
 Mass = Annotated[float, Quantity("kg", 0.0, 1000.0, above=True, high_hint="kilograms, not grams?")]
+Density = Annotated[float, Quantity("kg/m³", 0.0, 30000.0, above=True)]
 Friction = Annotated[float, Quantity("", 0.0, 3.0, above=True)]
 Force = Annotated[float, Quantity("N", 0.0, 1e5, above=True)]
 Acceleration = Annotated[float, Quantity("m/s²", -100.0, 100.0)]

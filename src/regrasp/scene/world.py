@@ -10,28 +10,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, hands, mjcf, solids
+from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
+from regrasp.scene.forms import OwnModel
+from regrasp.scene.grids import Grid
+from regrasp.scene.links import Links, links
 from regrasp.scene.load import validate
-from regrasp.scene.schema import Environment, Scene
+from regrasp.scene.matter import Matter, add_to, assets_of, grid_of, matter_of
+from regrasp.scene.schema import Scene
+from regrasp.scene.strength import normal_force
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-ENVIRONMENT_COLOUR = (0.45, 0.52, 0.45, 1.0)
+MAX_FORCE = 10.0
+"""Largest normal force of a tip where neither scene nor model says one, N."""
 
 
 @dataclass(frozen=True)
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
-    joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; bodies: those it moves; geoms: its
-    colliding geoms, the tip's included; lower, upper: joint range, ±inf where unlimited; speed: rad/s or m/s;
-    home: joint values at rest; max_force: largest normal force, N; friction: coefficient between tip and object.
-    Arrays are (n,), n the number of joints.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
+    tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
+    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
+    coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str
     tip_geom: int
+    tip_geoms: Ids
+    tip_kind: int
+    tip_size: Array
     tip_body: int
     joints: Ids
     qpos: Ids
@@ -51,9 +61,11 @@ class World:
     """A scene and its compiled model. All ids and addresses are those of `model`.
 
     xml, assets: the model as text with the files it needs, so that it outlives its sources. object_qpos: address of the
-    object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind`.
-    static_geoms: colliding geoms that cannot move, supports included; support_geoms, support_friction: in the order of
-    `scene.carriers`. collision_pairs: geom ids (n, 2) that must never touch.
+    object's position (3) and quaternion (4). object_kind, object_size: the surface code, see `solids.kind` and
+    `matter.MESH`; matter: all that the object is made of. static_geoms: colliding geoms that cannot move, supports included;
+    fixture_geoms: those of the environment;
+    support_names, support_geoms, support_friction: in the order of `scene.carriers`, each convex part of one of its own.
+    collision_pairs: geom ids (n, 2) that must never touch.
     """
 
     scene: Scene
@@ -65,11 +77,19 @@ class World:
     object_geoms: Ids
     object_kind: int
     object_size: Array
+    matter: Matter
     agents: tuple[Agent, ...]
     static_geoms: Ids
+    fixture_geoms: Ids
+    support_names: tuple[str, ...]
     support_geoms: Ids
     support_friction: Array
     collision_pairs: Ids
+
+    @cached_property
+    def object_grid(self) -> Grid | None:
+        """The signed distance to the object's surface, where no closed form gives it."""
+        return grid_of(self.scene.object, self.assets)
 
     @cached_property
     def joint_qpos(self) -> Ids:
@@ -80,6 +100,17 @@ class World:
     def joint_dofs(self) -> Ids:
         """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
         return np.concatenate([agent.dofs for agent in self.agents])
+
+    @cached_property
+    def repairs(self) -> tuple[str, ...]:
+        """What was put right in a robot of one's own and in the object's mesh, each in a sentence."""
+        return (*robots.repairs(self.model), *(f"the object's mesh: {remark}" for remark in self.matter.remarks))
+
+    @cached_property
+    def links(self) -> Links:
+        """The shapes that planning takes for links that are meshes."""
+        convex = np.concatenate([self.object_geoms, self.fixture_geoms])
+        return links(self.model, self.start, self.collision_pairs, convex)
 
     @cached_property
     def start(self) -> Array:
@@ -105,35 +136,31 @@ def build(scene: Scene) -> World:
     spec.option.impratio = 10
     spec.option.noslip_iterations = 10
     hands.attach(spec, scene)
+    described = {**assets_of(scene.object), **fixtures.assets_of(scene.environment)}
     for body in scene.environment:
-        _add_environment(spec, body)
+        fixtures.add(spec, body, described)
     start = scene.start.pose
     thing = spec.worldbody.add_body(name="object", pos=start.p, quat=start.wxyz)
     thing.add_freejoint(name="object")
-    solids.add_geoms(thing, scene.object)
+    add_to(spec, thing, scene.object, matter_of(scene.object, described))
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
     for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
-        _set_friction(spec.geom(finger.tip), friction)
-    for name, friction in zip(scene.carriers, _support_friction(scene), strict=True):
-        _set_friction(spec.geom(name), friction)
+        for piece in finger.pieces:
+            _set_friction(spec.geom(piece), friction)
+    names = [geom.name for geom in spec.geoms]
+    for carrier, friction in zip(scene.carriers, _support_friction(scene), strict=True):
+        for name in fixtures.parts(carrier, names):
+            _set_friction(spec.geom(name), friction)
     try:
         xml = mjcf.text(spec)
     except ValueError as error:
         raise InputError("model", f"MuJoCo cannot compile it: {' '.join(str(error).split())}") from None
-    return _world(scene, xml, dict(spec.assets))
+    return _world(scene, xml, {**spec.assets, **described})
 
 
 def from_plan(scene: Mapping[str, Any], xml: str, assets: Mapping[str, bytes]) -> World:
     """The world stored in a plan: the same model and names, without any source file."""
     return _world(validate(dict(scene)), xml, assets)
-
-
-def _add_environment(spec: mujoco.MjSpec, body: Environment) -> None:
-    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
-    size = [1.0, 1.0, 0.05] if body.shape == "plane" else [*body.size, 0.0, 0.0][:3]
-    spec.worldbody.add_geom(
-        name=body.name, type=kind, size=size, pos=body.pose.p, quat=body.pose.wxyz, rgba=ENVIRONMENT_COLOUR
-    )
 
 
 def _set_friction(geom: mujoco.MjsGeom, friction: float) -> None:
@@ -160,9 +187,12 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     static = (model.body_weldid[model.geom_bodyid] == 0) & colliding
     object_body = model.body("object").id
     object_geoms = np.flatnonzero(model.geom_bodyid == object_body)
-    supports = np.array([model.geom(name).id for name in scene.carriers], dtype=np.int64)
-    tips = np.array([agent.tip_geom for agent in agents], dtype=np.int64)
-    kind, size = solids.kind(scene.object)
+    names = [model.geom(g).name for g in range(model.ngeom)]
+    carried = [(part, mu) for name, mu in zip(scene.carriers, _support_friction(scene), strict=True)
+               for part in fixtures.parts(name, names)]  # fmt: skip
+    supports = np.array([model.geom(name).id for name, _ in carried], dtype=np.int64)
+    touching = np.concatenate([agent.tip_geoms for agent in agents])
+    matter = matter_of(scene.object, assets)
     return World(
         scene=scene,
         model=model,
@@ -171,22 +201,29 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
         object_body=object_body,
         object_qpos=int(model.joint("object").qposadr[0]),
         object_geoms=object_geoms,
-        object_kind=kind,
-        object_size=size,
+        object_kind=matter.kind,
+        object_size=matter.size,
+        matter=matter,
         agents=agents,
         static_geoms=np.flatnonzero(static),
+        fixture_geoms=np.array(
+            [model.geom(part).id for body in scene.environment for part in fixtures.parts(body.name, names)], np.int64
+        ),
+        support_names=tuple(name for name, _ in carried),
         support_geoms=supports,
-        support_friction=np.array(_support_friction(scene)),
-        collision_pairs=collisions.pairs(model, tips, object_geoms, supports),
+        support_friction=np.array([mu for _, mu in carried]),
+        collision_pairs=collisions.pairs(model, touching, object_geoms, supports),
     )
 
 
 def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
     spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
     field = f"agents.{index}" if scene.agents else "model"
-    tip = model.geom(finger.tip).id
+    pieces = np.array([model.geom(name).id for name in finger.pieces], dtype=np.int64)
+    tip = int(pieces[0])
     if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
         raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")
+    kind, size = tips.surface(model, pieces, f"{field}.tip")
     chain = [int(model.geom_bodyid[tip])]
     while model.body_parentid[chain[-1]]:
         chain.append(int(model.body_parentid[chain[-1]]))
@@ -206,9 +243,16 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     for i in np.flatnonzero((home < lower) | (home > upper)):
         reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
         raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
+    qpos = model.qpos0.copy()
+    qpos[model.jnt_qposadr[joints]] = home
+    own = isinstance(scene.model, OwnModel)
+    strength = normal_force(model, qpos, joints, tip, friction) if own else None
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
+        tip_geoms=pieces,
+        tip_kind=kind,
+        tip_size=size,
         tip_body=chain[0],
         joints=joints,
         qpos=model.jnt_qposadr[joints].astype(np.int64),
@@ -217,8 +261,10 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         geoms=np.flatnonzero(moved[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))),
         lower=lower,
         upper=upper,
-        speed=np.broadcast_to(finger.speed, len(joints)).copy(),
+        speed=robots.speeds(model, joints)
+        if finger.speed is None
+        else np.broadcast_to(finger.speed, len(joints)).copy(),
         home=np.array(home, dtype=float),
-        max_force=(spec.max_force if spec else None) or scene.max_force,
+        max_force=(spec.max_force if spec else None) or scene.max_force or strength or MAX_FORCE,
         friction=friction,
     )

@@ -69,7 +69,7 @@ def load(plan: Plan, world: World) -> Load:
     # without gravity the unit of force is what the object would weigh on Earth
     weight = float(np.linalg.norm(gravity)) or 9.81 * mass
     radius = max(float(np.linalg.norm(model.geom_pos[g]) + model.geom_rbound[g]) for g in world.object_geoms)
-    of_support = dict(zip(world.scene.carriers, world.support_friction, strict=True))
+    of_support = dict(zip(world.support_names, world.support_friction, strict=True))
     friction = [agent.friction for agent in world.agents] + [of_support[name] for name in plan.support_names]
     limit = [agent.max_force for agent in world.agents] + [LIMITLESS * weight] * len(plan.support_names)
     return Load(gravity, weight, radius, np.array(model.body_ipos[body]), np.array(friction), np.array(limit))

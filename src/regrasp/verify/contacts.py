@@ -1,6 +1,7 @@
 """Contacts and clearances measured with MuJoCo's distances."""
 
 import copy
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -9,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.plan import NONE, RELOCATE, Plan
+from regrasp.scene import solids
 from regrasp.scene.world import World
 from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, unit
+from regrasp.verify.skin import Surface, Tip
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -28,7 +31,7 @@ RIM = (7e-4, math.radians(2.0))
 0.02 mm of the round rim, but nearest point and normal jump from one to the next, and to the sharp edges that end inside
 of it the cylinders for its side and faces."""
 SEAM = 1e-6
-"""m: so near to the rim's seams with side and faces a point counts as on it."""
+"""m: so near to a cylinder's sharp edge a point counts as on it."""
 FAR = 1e-2
 """Distances beyond this (m) are not told apart."""
 
@@ -58,11 +61,14 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     k = len(world.agents)
     gap, p_O, n_O = (np.full((N, S, k, *shape), np.nan) for shape in ((), (3,), (3,)))
     contacts = Contacts(gap, p_O, n_O, np.zeros((N, S, k), dtype=bool))
-    round_edges = world.scene.object.shape == "cylinder"
+    if world.matter.skin is not None:
+        _on_skin(plan, world, motion, Surface(world.matter.skin), contacts)
+        return contacts
+    rims = {float(part.size[3]) for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")}
     data = mujoco.MjData(world.model)
     n_stated = unit(fine(plan.n_O, motion.K))
     for j in range(N):
-        agents = [(a, world.agents[a].tip_geom) for a in np.flatnonzero(touching(plan)[j])]
+        agents = [(a, world.agents[a].tip_geoms) for a in np.flatnonzero(touching(plan)[j])]
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
             R_WO, p_WO = motion.R_WO[j, s], motion.p_WO[j, s]
@@ -73,14 +79,34 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
                 capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                contacts.rim[j, s, a] = round_edges and (capsule or _on_rim(world, contacts.p_O[j, s, a]))
+                contacts.rim[j, s, a] = (capsule and float(world.model.geom_size[geom, 0]) in rims) or _on_edge(
+                    world.model, geom, contacts.p_O[j, s, a]
+                )
     return contacts
 
 
-def _on_rim(world: World, p_O: Array) -> bool:
-    """Whether a point of a cylinder's surface is on its rounded rim or on an edge that ends there."""
-    (radius, half), rounding = world.scene.object.size, world.scene.object.rounding
-    return bool(np.hypot(p_O[0], p_O[1]) >= radius - rounding - SEAM and abs(p_O[2]) >= half - rounding - SEAM)
+def _on_edge(model: mujoco.MjModel, geom: int, p_O: Array) -> bool:
+    """Whether a point of the object is on the sharp edge of one of its cylinders, which ends inside of a rounded rim."""
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return False
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, model.geom_quat[geom])
+    x, y, z = R.reshape(3, 3).T @ (p_O - model.geom_pos[geom])
+    radius, half, _ = model.geom_size[geom]
+    return bool(math.hypot(x, y) >= radius - SEAM and abs(z) >= half - SEAM)
+
+
+def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contacts: Contacts) -> None:
+    """`measure` where the object is a mesh."""
+    n_stated = unit(fine(plan.n_O, motion.K))
+    for j, a in np.argwhere(touching(plan)):
+        agent = world.agents[a]
+        for s in range(motion.time.shape[1]):
+            R_OT, p_OT = motion.R_OT[j, s, a], motion.p_OT[j, s, a]
+            contacts.gap[j, s, a] = surface.nearest(Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT))[0]
+            aside = Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT + BACKOFF * n_stated[j, s, a])
+            _, contacts.p_O[j, s, a] = surface.nearest(aside)
+            contacts.n_O[j, s, a] = aside.normal(contacts.p_O[j, s, a])
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
@@ -115,14 +141,14 @@ def support_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
     points, normals = fine(plan.support_p_O, motion.K), unit(fine(plan.support_n_W, motion.K))
     used = plan.support_mode != NONE
     for j, p in zip(*np.nonzero(used), strict=True):
-        at = world.scene.carriers.index(plan.support_names[p])
+        at = world.support_names.index(plan.support_names[p])
         bodies = (world.support_geoms[at : at + 1], world.object_geoms)
         for s in range(S):
             data.geom_xpos[:], data.geom_xmat[:] = motion.geom_xpos[j, s], motion.geom_xmat[j, s]
             p_W = motion.p_WO[j, s] + motion.R_WO[j, s] @ points[j, s, p]
             for side, outward in enumerate((normals[j, s, p], -normals[j, s, p])):
                 data.geom_xpos[probe] = p_W + BACKOFF * outward
-                _, nearest, n_W, _ = _nearest(model, data, bodies[side], probe)
+                _, nearest, n_W, _ = _nearest(model, data, bodies[side], np.array([probe]))
                 offset[j, s, p, side] = np.linalg.norm(nearest - p_W)
                 angle[j, s, p, side] = _angle(n_W, outward)
     length = np.abs(np.linalg.norm(plan.support_n_W, axis=-1) - 1.0)
@@ -145,7 +171,8 @@ def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding
     always = np.array([*world.collision_pairs, *supports], dtype=np.int64).reshape(-1, 2)
     depth, pair, when = 0.0, (-1, -1), (0, 0)
     for j in range(motion.time.shape[0]):
-        free = [agent.tip_geom for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch]
+        free = [g for agent, touch in zip(world.agents, touching(plan)[j], strict=True) if not touch
+                for g in agent.tip_geoms]  # fmt: skip
         pairs = np.array([*always, *((tip, g) for tip in free for g in world.object_geoms)], dtype=np.int64).reshape(
             -1, 2
         )
@@ -160,11 +187,11 @@ def collision_findings(plan: Plan, world: World, motion: Motion) -> list[Finding
     return [Finding("penetration", "depth of any two bodies that must not touch", depth, TOUCH, "m", *where)]
 
 
-def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ids, tip: int) -> tuple[float, Array, Array, int]:
-    """Distance of `tip` from the union of `geoms`, nearest point on it, direction from there to the tip, its geom."""
+def _nearest(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ids, tip: Ids) -> tuple[float, Array, Array, int]:
+    """Distance of the union `tip` from the union `geoms`, nearest point on that, direction from there to the tip, its geom."""
     least, fromto, best, nearest = FAR, np.zeros(6), np.full(6, np.nan), -1
-    for geom in geoms:
-        distance = mujoco.mj_geomDistance(model, data, geom, tip, FAR, fromto)
+    for geom, piece in itertools.product(geoms, tip):
+        distance = mujoco.mj_geomDistance(model, data, geom, piece, FAR, fromto)
         if distance < least:
             least, best, nearest = distance, fromto.copy(), geom
     return least, best[:3], unit(best[3:] - best[:3]), nearest

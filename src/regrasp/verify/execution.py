@@ -150,7 +150,8 @@ def geom_names(world: World, model: mujoco.MjModel) -> tuple[list[str], NDArray[
         names.append((model.body(body).name if body else "") or model.geom(geom).name or f"geom {geom}")
     for agent in world.agents:
         rank[agent.geoms] = 0
-        names[agent.tip_geom] = agent.name
+        for geom in agent.tip_geoms:
+            names[geom] = agent.name
     rank[world.object_geoms] = 1
     return names, rank
 
@@ -163,7 +164,7 @@ class Recorder:
         model = physics.model
         self._agent = np.full(model.ngeom, -1)
         for i, agent in enumerate(world.agents):
-            self._agent[agent.tip_geom] = i
+            self._agent[agent.tip_geoms] = i
         self._object = np.isin(np.arange(model.ngeom), world.object_geoms)
         self._support = np.isin(np.arange(model.ngeom), world.support_geoms)
         self._names, self._rank = geom_names(world, model)

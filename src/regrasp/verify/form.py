@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from regrasp.plan import MOTIONS, OFF, RELOCATE, SUPPORT_MODES, Plan
-from regrasp.scene import solids
-from regrasp.scene.schema import Scene
+from regrasp.scene import fixtures
+from regrasp.scene.matter import Matter, add_to, matter_of
 from regrasp.scene.world import World
 from regrasp.verify.contacts import TOUCH, Contacts, touching
 from regrasp.verify.findings import Finding, worst
@@ -68,7 +68,7 @@ def name_findings(plan: Plan, world: World) -> list[Finding]:
     """The agents, joints and supports are the world's."""
     agents = tuple(agent.name for agent in world.agents)
     joints = tuple(world.model.joint(int(i)).name for agent in world.agents for i in agent.joints)
-    unknown = [name for name in plan.support_names if name not in world.scene.carriers]
+    unknown = [name for name in plan.support_names if name not in world.support_names]
     differ = int(plan.agent_names != agents) + int(plan.joint_names != joints) + len(unknown)
     return [Finding("names", "agents, joints or supports that are not the model's", differ, 0.0, "")]
 
@@ -79,13 +79,14 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
     The robot itself is what the stored model says.
     """
     scene, model = world.scene, world.model
-    stored = [model.geom_friction[agent.tip_geom, 0] for agent in world.agents]
+    stored = [model.geom_friction[g, 0] for agent in world.agents for g in agent.tip_geoms]
     stored += [*model.geom_friction[world.support_geoms, 0], *model.opt.gravity]
     stored += [model.body_mass[world.object_body], *model.body_ipos[world.object_body]]
-    said = [agent.friction for agent in world.agents]
-    said += [*world.support_friction, *scene.gravity, scene.object.mass, 0.0, 0.0, 0.0]
+    said = [agent.friction for agent in world.agents for _ in agent.tip_geoms]
+    matter = matter_of(scene.object, world.assets)
+    said += [*world.support_friction, *scene.gravity, matter.mass, *matter.centre]
     differences = [np.abs(np.subtract(stored, said)).max()]
-    for ours, theirs in ((world.object_geoms, _object(scene)), (_ids(model, scene), _environment(scene))):
+    for ours, theirs in ((world.object_geoms, _object(world, matter)), (world.fixture_geoms, _environment(world))):
         for name in ("geom_type", "geom_size", "geom_pos", "geom_quat"):
             a, b = getattr(model, name)[ours], getattr(theirs, name)
             if name == "geom_size" and len(a) == len(b):
@@ -180,20 +181,14 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(turn.magnitude()).reshape(a.shape[:-1])
 
 
-def _ids(model: mujoco.MjModel, scene: Scene) -> list[int]:
-    return [model.geom(body.name).id for body in scene.environment]
-
-
-def _object(scene: Scene) -> mujoco.MjModel:
+def _object(world: World, matter: Matter) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
-    solids.add_geoms(spec.worldbody.add_body(name="object"), scene.object)
+    add_to(spec, spec.worldbody.add_body(name="object"), world.scene.object, matter)
     return spec.compile()
 
 
-def _environment(scene: Scene) -> mujoco.MjModel:
+def _environment(world: World) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
-    for body in scene.environment:
-        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.shape.upper()}")
-        size = [*(body.size or (1.0, 1.0, 1.0)), 0.0, 0.0][:3]
-        spec.worldbody.add_geom(type=kind, size=size, pos=body.pose.p, quat=body.pose.wxyz)
+    for body in world.scene.environment:
+        fixtures.add(spec, body, world.assets)
     return spec.compile()

@@ -143,7 +143,8 @@ class Physics:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a reset would hide that numbers went bad
         model.geom_solref[:] = RIGID, 1.0
         k = len(world.agents)
-        model.geom_friction[[agent.tip_geom for agent in world.agents], 0] *= reality.friction[:k]
+        for agent, factor in zip(world.agents, reality.friction[:k], strict=True):
+            model.geom_friction[agent.tip_geoms, 0] *= factor
         model.geom_friction[world.support_geoms, 0] *= reality.friction[k:]
         model.body_mass[world.object_body] *= reality.mass
         model.body_inertia[world.object_body] *= reality.mass

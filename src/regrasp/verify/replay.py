@@ -4,7 +4,6 @@ Two modes: `open`, the plan alone, and `feedback`, with the measured pose of the
 """
 
 import math
-import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from regrasp.control.controller import Control
 from regrasp.control.impedance import gains
 from regrasp.control.reference import reference
 from regrasp.plan import Plan
+from regrasp.processors import available
 from regrasp.scene.world import World, from_plan
 from regrasp.settings import read
 from regrasp.verify.diagnosis import Failure, diagnose, succeeded
@@ -159,7 +159,7 @@ def replay(
     runs = tuple(bench.nominal(mode) for mode in MODES)
     all_trials = []
     for mode in trial_modes if trials else ():
-        done = _pooled(plan, bench.control, ranges, mode, seed, trials, cores or os.cpu_count() or 1)
+        done = _pooled(plan, bench.control, ranges, mode, seed, trials, cores or available())
         all_trials.append(Trials(mode, bench.tolerance(TRIAL_TOLERANCE), done))
     return Replay(str(plan.scene.get("name", "")), runs, tuple(all_trials))
 

@@ -104,6 +104,29 @@ def _errors(error: list[float | None]) -> str:
     return "lost" if shift is None or turn is None else f"{1e3 * shift:.2f} mm {math.degrees(turn):.2f}°"
 
 
+def grasps(answer: dict[str, Any]) -> None:
+    """Each grasp as a table and as what `start` of a scene file says of it."""
+    from rich.console import Console
+
+    console = Console()
+    for number, grasp in enumerate(answer.get("grasps", ()), 1):
+        title = f"grasp {number}: holds with {100 * grasp['friction']:.0f} % of the friction"
+        table = _narrow(title, ("agent",), ("touches at, mm", "normal", "presses with"))
+        for hold in grasp["holds"]:
+            p, n = (
+                ", ".join(f"{x:.{d}f}" for x in v) for v, d in (([1e3 * x for x in hold["p_O"]], 1), (hold["n_O"], 2))
+            )
+            table.add_row(hold["agent"], f"({p})", f"({n})", f"{math.hypot(*hold['force_W']):.2f} N")
+        console.print(table)
+        print("start:\n  grasp:")
+        for hold in grasp["holds"]:
+            print(f"    - {{agent: {hold['agent']}, joints: [{', '.join(f'{x:.5f}' for x in hold['q'])}]}}")
+        if grasp["off"]:
+            print(f"  off: [{', '.join(grasp['off'])}]")
+    if "picture" in answer:
+        print(f"picture: {answer['picture']}")
+
+
 def scenes(answer: dict[str, Any]) -> None:
     """Names and descriptions."""
     from rich.console import Console
@@ -113,6 +136,30 @@ def scenes(answer: dict[str, Any]) -> None:
     for scene in answer["scenes"]:
         table.add_row(scene["name"], scene["description"].strip())
     Console().print(table)
+
+
+def models(answer: dict[str, Any]) -> None:
+    """What a scene's `model` can be: the hands with their fields, the menagerie's models, a file."""
+    print("model: {hand: NAME, ...}")
+    for name, fields in answer["hands"].items():
+        print(f"  {name}: " + ", ".join(f"{field} ({words})" for field, words in fields.items()))
+    print("model: {menagerie: NAME}")
+    if answer["root"] is None:
+        print("  none: MENAGERIE_ROOT is not set (the folder of a copy of MuJoCo Menagerie)")
+    for name in answer["menagerie"]:
+        print(f"  {name}")
+    print("model: {file: PATH}\n  any MJCF or URDF file; regrasp doctor PATH says what will go wrong")
+
+
+def diagnosis(answer: dict[str, Any]) -> None:
+    """The symptoms, one a line, and the bodies that could be tips."""
+    for symptom in answer["symptoms"]:
+        remedy = f" ({symptom['remedy']})" if symptom["remedy"] else ""
+        print(f"{symptom['severity']}: {symptom['where']}: {symptom['what']}{remedy}")
+    if answer["tips"]:
+        print(f"chains end in: {', '.join(answer['tips'])}")
+    counts = {kind: sum(s["severity"] == kind for s in answer["symptoms"]) for kind in ("error", "warning", "note")}
+    print(f"{answer['examined']}: " + ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items()))
 
 
 def picture(answer: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """What happened to a plan in physics: frames of an execution side by side with its curves, or a moving picture."""
 
+import itertools
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -14,6 +15,7 @@ from PIL import Image
 from regrasp.control.reference import Phases, reference
 from regrasp.errors import InputError
 from regrasp.plan import Plan
+from regrasp.processors import available
 from regrasp.scene.world import World, from_plan
 from regrasp.verify.execution import Execution
 from regrasp.verify.physics import PERIOD
@@ -119,7 +121,7 @@ def clip(film: Film, path: str | os.PathLike[str], speed: float | None = None, c
     rows = ticks(film.run, speed)
     camera = replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT)
     film = replace(film, show=replace(film.show, camera=camera, stage=replace(film.show.stage, subrays=2)))
-    workers = min(cores or os.cpu_count() or 1, len(rows))
+    workers = min(cores or available(), len(rows))
     shares = [rows[first::workers] for first in range(workers)]
     if workers == 1:
         done = [_pictures(film, rows, speed)]
@@ -186,15 +188,15 @@ def _state(world: World, run: Execution, pose: Array, contact: Array, row: int, 
             arrows.append(Arrow(p, f, PLANNED, 1.5))
     for agent, f in zip(world.agents, run.force_W[row], strict=True):
         if np.linalg.norm(f) > LEAST * largest:
-            arrows.append(Arrow(_touch(world, data, agent.tip_geom), f, AGENT_FORCE))
+            arrows.append(Arrow(_touch(world, data, agent.tip_geoms), f, AGENT_FORCE))
     return State(run.qpos[row], int(run.interval[row]), tuple(arrows), planned=pose[row])
 
 
-def _touch(world: World, data: mujoco.MjData, tip: int) -> Array:
+def _touch(world: World, data: mujoco.MjData, tip: NDArray[np.int64]) -> Array:
     """The point of the object nearest to a tip, W."""
-    best, ends, point = np.inf, np.empty(6), data.geom_xpos[tip].copy()
-    for geom in world.object_geoms:
-        distance = mujoco.mj_geomDistance(world.model, data, tip, int(geom), world.model.stat.extent, ends)
+    best, ends, point = np.inf, np.empty(6), data.geom_xpos[tip[0]].copy()
+    for piece, geom in itertools.product(tip, world.object_geoms):
+        distance = mujoco.mj_geomDistance(world.model, data, piece, geom, world.model.stat.extent, ends)
         if distance < best:
             best, point = distance, ends[3:].copy()
     return point

@@ -47,8 +47,8 @@ def set_up(plan: Plan, world: World, states: Sequence[State], largest: float, wi
         model.geom_group[agent.geoms] = DRAWN
         # Links are paler than tips: the tips are what the motion is about.
         colour[agent.geoms] = 0.35 * rgb(own) + 0.65 * np.array([0.90, 0.90, 0.90])
-        colour[agent.tip_geom] = rgb(own)
-        marked[agent.tip_geom] = True
+        colour[agent.tip_geoms] = rgb(own)
+        marked[agent.tip_geoms] = True
     model.geom_group[world.object_geoms] = OBJECT
     colour[world.object_geoms] = OBJECT_COLOUR
     marked[world.object_geoms] = True

@@ -1,0 +1,127 @@
+"""Contact of tips with an object that is a mesh, measured on its triangulated surface.
+
+Between its vertices the surface is that of curved triangles: cubic patches that meet the vertices' normals (Vlachos, Peters,
+Boyd & Mitchell 2001). A tip's signed distance is a closed form, and its least value on the surface is the gap: looked for
+first at the vertices, then ever finer on the patches about the best of them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from regrasp.scene import solids
+from regrasp.scene.grids import Skin
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FACES = 12  # looked at closely
+LATTICE, FINER, ROUNDS = (
+    6,
+    4,
+    5,
+)  # points along a patch's side; how much smaller each round's part of a patch is; rounds
+STEP = 1e-6  # m, for the gradient of a tip's distance
+
+
+@dataclass(frozen=True)
+class Tip:
+    """A tip's surface (`solids.kind`) at a pose in the object's frame."""
+
+    kind: int
+    size: Array
+    R_OT: Array
+    p_OT: Array
+
+    def distance(self, points: Array) -> Array:
+        """Signed distance (N,) of points (N, 3) in O from the tip, m."""
+        return solids.distance(self.kind, self.size, (points - self.p_OT) @ self.R_OT)
+
+    def normal(self, point: Array) -> Array:
+        """Unit direction from a point (3,) to the tip, O."""
+        steps = STEP * np.eye(3)
+        gradient = self.distance(point + steps) - self.distance(point - steps)
+        return np.asarray(-gradient / np.linalg.norm(gradient))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The patches of a skin."""
+
+    skin: Skin
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.skin.vertices)
+
+    @cached_property
+    def _faces_at(self) -> tuple[Ints, Ints]:
+        """Faces sorted by their vertices, and where those of each vertex begin."""
+        flat = self.skin.faces.ravel()
+        order = np.argsort(flat, kind="stable")
+        return order // 3, np.searchsorted(flat[order], np.arange(len(self.skin.vertices) + 1))
+
+    @cached_property
+    def _longest(self) -> float:
+        corners = self.skin.vertices[self.skin.faces]
+        return float(np.max(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+
+    def nearest(self, tip: Tip) -> tuple[float, Array]:
+        """The least signed distance of the surface from the tip, m, and the point (3,) of it, in O."""
+        reach = float(np.sum(tip.size[:3])) + self._longest
+        near = np.array(self._tree.query_ball_point(tip.p_OT, reach), np.int64)
+        if len(near) == 0:
+            near = np.atleast_1d(self._tree.query(tip.p_OT)[1])
+        best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:VERTICES]]
+        by_vertex, start = self._faces_at
+        faces = self.skin.faces[np.unique(np.concatenate([by_vertex[start[v] : start[v + 1]] for v in best]))]
+        control = patches(self.skin.vertices[faces], self.skin.normals[faces])
+        uv = np.broadcast_to(WHOLE, (len(faces), *WHOLE.shape))
+        width = 1.0
+        while True:
+            points = bezier(control, uv)
+            away = tip.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
+            at = away.argmin(axis=1)
+            least = away[np.arange(len(at)), at]
+            if width < FINEST:
+                face = int(least.argmin())
+                return float(least[face]), points[face, at[face]]
+            kept = np.argsort(least, kind="stable")[:PATCHES]
+            width /= FINER
+            control, uv = control[kept], inside(uv[kept, at[kept]][:, None] + width * AROUND)
+
+
+def inside(uv: Array) -> Array:
+    """Shares (…, 2) moved into the triangle where they lie outside."""
+    uv = np.clip(uv, 0.0, 1.0)
+    return np.maximum(uv - 0.5 * np.maximum(uv.sum(axis=-1, keepdims=True) - 1.0, 0.0), 0.0)
+
+
+def patches(corners: Array, normals: Array) -> Array:
+    """The ten control points (F, 10, 3) of the cubic patches over triangles (F, 3, 3) with unit normals at their corners.
+
+    In order: the corners, two points on each of the sides 01, 12, 20, the middle.
+    """
+    sides = []
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        for p, q in ((a, b), (b, a)):
+            n = normals[:, p]
+            lift = np.sum((corners[:, q] - corners[:, p]) * n, axis=1, keepdims=True)
+            sides.append((2 * corners[:, p] + corners[:, q] - lift * n) / 3)
+    mean = np.mean(sides, axis=0)
+    return np.stack([*corners.transpose(1, 0, 2), *sides, mean + (mean - corners.mean(axis=1)) / 2], axis=1)
+
+
+def bezier(control: Array, uv: Array) -> Array:
+    """Points (F, N, 3) of cubic patches at the shares uv (F, N, 2) of the corners 1 and 2."""
+    u, v = uv[..., 0], uv[..., 1]
+    w = 1.0 - u - v
+    weights = [
+        w**3, u**3, v**3,
+        3 * w * w * u, 3 * w * u * u, 3 * u * u * v, 3 * u * v * v, 3 * v * v * w, 3 * v * w * w,
+        6 * u * v * w,
+    ]  # fmt: skip
+    return np.einsum("kfn,fkx->fnx", np.array(weights), control)

@@ -1,0 +1,78 @@
+"""Contacts on triangulated surfaces: against closed forms for a ball and a rounded box."""
+
+import numpy as np
+import pytest
+
+from regrasp.scene import solids
+from regrasp.scene.grids import Grid, Skin, nodes, skin_of
+from regrasp.scene.schema import Object
+from regrasp.verify.skin import Surface, Tip
+
+BOX = Object(shape="box", size=(0.03, 0.02, 0.025), rounding=0.004, mass=1.0)
+TIPS = {
+    "sphere": (0, np.array([0.012, 0.0, 0.0, 0.0])),
+    "ellipsoid": (1, np.array([0.015, 0.01, 0.012, 0.0])),
+    "capsule": (2, np.array([0.008, 0.01, 0.0, 0.0])),
+    "box": (4, np.array([0.012, 0.01, 0.008, 0.003])),
+}
+
+
+@pytest.fixture(scope="module")
+def skin() -> Skin:
+    """Of the rounded box, from its distances at nodes 1 mm apart."""
+    half = np.array(BOX.size)
+    origin, shape = nodes(-half, half, 0.001)
+    points = origin + 0.001 * np.argwhere(np.ones(shape, bool))
+    return skin_of(Grid(origin, 0.001, solids.distance(*solids.kind(BOX), points).reshape(shape)))
+
+
+@pytest.fixture(scope="module")
+def surface(skin: Skin) -> Surface:
+    return Surface(skin)
+
+
+@pytest.mark.parametrize("name", TIPS)
+def test_gap_point_and_normal_of_a_tip_are_those_of_the_body(surface: Surface, name: str) -> None:
+    """Tips put at a known height over known points: on faces, round edges and corners. The spline's surface, on which the
+    skin lies, is within 0.012 mm of the box; its normals, where the edges' curvature begins, within 1.5°."""
+    kind, size = TIPS[name]
+    rng = np.random.default_rng(0)
+    core = np.array(BOX.size) - BOX.rounding
+    for _ in range(40):
+        n = rng.normal(size=3)
+        n /= np.linalg.norm(n)
+        edge = rng.random(3) < 0.6
+        p = np.where(edge, np.sign(n) * core, rng.uniform(-0.9, 0.9, 3) * core)
+        n = np.where(edge, n, 0.0)
+        if not edge.any():
+            continue
+        n /= np.linalg.norm(n)
+        p_O = p + BOX.rounding * n
+        Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        R = Q * np.sign(np.linalg.det(Q))
+        height = rng.uniform(0.0, 0.001)
+        centre = p_O + height * n - R @ lowest(kind, size, R.T @ -n)
+        gap, point = surface.nearest(Tip(kind, size, R, centre))
+        assert gap == pytest.approx(height, abs=2e-5)
+        if name != "box":  # a flat face or a straight edge touches in no single point
+            assert np.linalg.norm(point - p_O) < 2.5e-4
+        found = Tip(kind, size, R, centre + 1e-3 * n)
+        _, point = surface.nearest(found)
+        assert np.arccos(min(1.0, found.normal(point) @ n)) < np.radians(1.5)
+
+
+def lowest(kind: int, size: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """The tip's point furthest along d, in T."""
+    if kind == 0:
+        return size[0] * d
+    if kind == 1:
+        return size[:3] ** 2 * d / np.linalg.norm(size[:3] * d)
+    if kind == 2:
+        return np.array([0.0, 0.0, np.sign(d[2]) * size[1]]) + size[0] * d
+    return np.sign(d) * (size[:3] - size[3]) + size[3] * d
+
+
+def test_a_tip_inside_is_as_deep_as_it_is(surface: Surface) -> None:
+    kind, size = TIPS["sphere"]
+    gap, _ = surface.nearest(Tip(kind, size, np.eye(3), np.array([0.005, 0.003, 0.025 + 0.012 - 2e-4])))
+    assert gap == pytest.approx(-2e-4, abs=1e-6)
