@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from regrasp.plan import NONE, RELOCATE, Plan
 from regrasp.scene import solids
+from regrasp.scene.matter import Part
 from regrasp.scene.world import World
 from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, unit
@@ -26,9 +27,12 @@ NORMAL = math.radians(1.0)
 BACKOFF = 1e-3
 """Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much
 (m) along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
-RIM = (5e-4, math.radians(2.0))
+RIM = (7e-4, math.radians(2.0))
 """More of both on a cylinder's rounded rim, which the model makes of straight capsules, m and rad: they keep within
-0.02 mm of the round rim, but nearest point and normal jump from one to the next."""
+0.02 mm of the round rim, but nearest point and normal jump from one to the next, and to the sharp edges that end inside
+of it the cylinders for its side and faces."""
+SEAM = 1e-6
+"""m: so near to the rim's seams with side and faces a point counts as on it."""
 FAR = 1e-2
 """Distances beyond this (m) are not told apart."""
 
@@ -61,7 +65,8 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     if world.matter.skin is not None:
         _on_skin(plan, world, motion, Surface(world.matter.skin), contacts)
         return contacts
-    rims = {float(part.size[3]) for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")}
+    round_edged = [part for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")]
+    rims = {float(part.size[3]) for part in round_edged}
     data = mujoco.MjData(world.model)
     n_stated = unit(fine(plan.n_O, motion.K))
     for j in range(N):
@@ -76,7 +81,8 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
                 capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                contacts.rim[j, s, a] = capsule and float(world.model.geom_size[geom, 0]) in rims
+                on_rim = any(_on_rim(part, contacts.p_O[j, s, a]) for part in round_edged)
+                contacts.rim[j, s, a] = on_rim or (capsule and float(world.model.geom_size[geom, 0]) in rims)
     return contacts
 
 
@@ -91,6 +97,12 @@ def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contact
             aside = Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT + BACKOFF * n_stated[j, s, a])
             _, contacts.p_O[j, s, a] = surface.nearest(aside)
             contacts.n_O[j, s, a] = aside.normal(contacts.p_O[j, s, a])
+
+def _on_rim(part: Part, p_O: Array) -> bool:
+    """Whether a point of a cylinder's surface is on its rounded rim or on an edge that ends there."""
+    radius, half, _, rounding = part.size
+    x, y, z = part.R_OP.T @ (p_O - part.p_OP)
+    return bool(np.hypot(x, y) >= radius - rounding - SEAM and abs(z) >= half - rounding - SEAM)
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
