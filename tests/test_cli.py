@@ -124,7 +124,9 @@ def test_planning_imports_what_planning_needs() -> None:
     assert "fig4-relocation?" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["plan", "check", "replay", "grasp", "scenes", "render", "bench"])
+@pytest.mark.parametrize(
+    "command", ["plan", "check", "replay", "grasp", "scenes", "models", "doctor", "render", "bench"]
+)
 def test_every_command_has_help(command, capsys, planner):
     planner(outcome)
     with pytest.raises(SystemExit) as end:
@@ -138,6 +140,8 @@ def test_every_command_has_help(command, capsys, planner):
     [
         (["chek", "x"], "check?"),
         (["scenes", "--foo"], "--foo"),
+        (["doctor", "none.urdf"], "none.urdf"),
+        (["doctor"], "SCENE|MODEL"),
         (["check"], "PLAN"),
         (["check", "missing.npz"], "missing.npz"),
         (["replay"], "PLAN"),
@@ -282,6 +286,46 @@ def test_scenes_lists_the_built_in_ones(capsys):
     assert {"fig2-planar", "fig3-puma3", "fig4-relocation", "puma4-obstacles"} <= names
 
 
+def test_models_lists_hands_with_their_fields_and_the_menagerie(capsys, monkeypatch, tmp_path):
+    monkeypatch.delenv("MENAGERIE_ROOT", raising=False)
+    assert main(["models"]) == 0
+    printed = capsys.readouterr().out
+    assert "puma: fingers (3), scale (0.3)" in printed
+    assert "MENAGERIE_ROOT is not set" in printed
+    (tmp_path / "maker_arm").mkdir()
+    (tmp_path / "maker_arm" / "arm.xml").write_text("<mujoco/>")
+    monkeypatch.setenv("MENAGERIE_ROOT", str(tmp_path))
+    assert main(["models", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert {"puma", "planar", "allegro"} <= answer["hands"].keys()
+    assert answer["hands"]["planar"]["bases"] == "required"
+    assert (answer["menagerie"], answer["root"]) == (["maker_arm/arm"], str(tmp_path))
+
+
+@pytest.mark.parametrize(("y", "code"), [(0, 0), (5, 1)])
+def test_doctor_exits_by_whether_there_is_an_error(y, code, capsys, tmp_path):
+    scene = scene_file(tmp_path, "")
+    scene.write_text(scene.read_text().replace("[0, 0, 0.2", f"[0, {y}, 0.2"))
+    assert main(["doctor", str(scene), "--json"]) == code
+    answer = json.loads(capsys.readouterr().out)
+    errors = [symptom for symptom in answer["symptoms"] if symptom["severity"] == "error"]
+    assert len(errors) == 3 * code
+    assert main(["doctor", str(scene)]) == code
+    printed = capsys.readouterr().out
+    assert printed.count("error: agent 'finger") == 3 * code
+    assert printed.endswith(f"{scene}: {3 * code} errors, 0 warnings, 0 notes\n")
+
+
+def test_what_was_repaired_is_said_before_the_plan_on_stderr(capsys, planner, home_plan, tmp_path):
+    done = outcome(home_plan("fig3-puma3"))
+    done.repairs = ("body 'hand' has no inertia",)
+    planner(lambda: done)
+    assert main(["plan", "fig3-puma3", "-o", str(tmp_path / "a.npz"), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "fig3-puma3: body 'hand' has no inertia" in printed.err.splitlines()
+    assert json.loads(printed.out)["repairs"] == ["body 'hand' has no inertia"]
+
+
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkeypatch):
     module = types.ModuleType("regrasp.bench.scenes")
@@ -292,10 +336,10 @@ def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkey
 
 
 def test_the_short_flags_name_fields_of_the_planner():
-    from regrasp import cli
+    from regrasp.commands import planning
     from regrasp.planner.task import Settings as Real
 
-    for path in (cli.ITERATIONS, cli.TIME_LIMIT):
+    for path in (planning.ITERATIONS, planning.TIME_LIMIT):
         value: object = Real()
         for name in path:
             value = getattr(value, name)

@@ -46,7 +46,7 @@ def followed(name: str, seed: int) -> Followed:
     return Followed(a, motion, R, p, lost)
 
 
-CASES = [(name, seed) for name in ("fig3-puma3", "fig4-relocation", "fig2-planar") for seed in range(2)]
+CASES = [(name, seed) for name in ("fig3-puma3", "fig4-relocation", "fig2-planar", "allegro-cube") for seed in range(2)]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}-{case[1]}")

@@ -80,7 +80,7 @@ def staying(a: Arc) -> ContactMotions:
 def stands(problem: ContactMotions, j: int, i: int, c: int) -> int:
     """Agent i's configuration on candidate c at the end of interval j, 0 for none."""
     hand, path, scan, terms, found, _ = problem.model
-    return standing(hand, path, scan, found, j + 1, i, c, terms.clearance)
+    return standing(hand, path, scan, found, j + 1, i, c, terms.clearance, terms.commands)
 
 
 def bearing(problem: ContactMotions, j: int, end: int, but: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -96,7 +96,7 @@ def truth(problem: ContactMotions, a: Arc, j: int, i: int, c: int) -> tuple[floa
     m = path.R_WO.shape[1] - 1
     contacts = [*bearing(problem, j, 1, i), (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])]
     force = least_force(a, j, m, contacts, terms.margins)
-    kept = outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, c, terms.clearance)
+    kept = outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, c, terms.clearance, terms.commands)
     stuck = [
         np.isinf(least_force(a, j, m, contacts[:b] + contacts[b + 1 :], terms.margins)) for b in range(len(contacts))
     ]

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from regrasp.kernels.grids import Grids, grid_field
 from regrasp.kernels.rotations import Array
@@ -132,6 +131,8 @@ def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
         if len(cloud) >= DENSE * count:
             break
         parts *= 2
+    from scipy.spatial import cKDTree
+
     area = len(cloud) * (h / parts) ** 3 / h  # the shell's volume through its width
     few = np.sort(np.random.default_rng(0).choice(len(cloud), DENSE * count, replace=False))
     cloud, normals = cloud[few], normals[few]

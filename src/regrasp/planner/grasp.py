@@ -28,6 +28,8 @@ from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
 OUT = -1  # the choice of an agent that stays off
+MORE = 3  # times as many restarts where agents have few joints: most contacts leave their reach on the way
+PROMISING = 20  # candidates of such an agent among which random choices are drawn, those that tie included
 
 
 class Ahead(Record):
@@ -236,7 +238,7 @@ def contacts_at(
 
 @njit(cache=True, nogil=True)
 def look_over(
-    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, clearance: float, row: int, ahead: Ahead
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, terms: Terms, row: int, ahead: Ahead
 ) -> int:
     """Every candidate for agent i at the path's start: how many it can stand on; its row of `ahead` out."""
     n_a, count = hand.chains.start[i + 1] - hand.chains.start[i], 0
@@ -245,12 +247,12 @@ def look_over(
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     for c in range(len(scan.p_O)):
         ahead.kept[row, c] = -1.0
-        if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, clearance):
+        if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, terms.clearance):
             continue
         count += 1
-        ahead.kept[row, c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, clearance)
+        ahead.kept[row, c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, terms.clearance, terms.commands)
         p, n_O = ahead.p_O[row, c], ahead.n_O[row, c]
-        reached = stay_on(hand, path, scan, start, i, c, q, p, n_O)
+        reached = stay_on(hand, path, scan, terms.commands, start, i, c, q, p, n_O)
         for look in range(LOOKS + 1):
             last = min(look, reached)
             p[look], n_O[look] = p[last], n_O[last]
@@ -329,7 +331,7 @@ def find_grasp(
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     ahead = nothing_ahead(len(agents), count, geoms)
     for a, i in enumerate(agents):
-        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms.clearance, a, ahead)
+        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms, a, ahead)
         if not reached and not carried:
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
@@ -355,15 +357,17 @@ def find_grasp(
             or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
+    short = not all(is_full(hand, i) for i in agents)
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
-    counts, table = np.array([len(free) for free in legal]), np.full((len(agents), max(map(len, legal))), OUT)
-    for row, free in zip(table, legal, strict=True):
+    drawn_from = [longest(row, free) if short else free for row, free in zip(ahead.kept, legal, strict=True)]
+    counts, table = np.array([len(free) for free in drawn_from]), np.full((len(agents), max(map(len, legal))), OUT)
+    for row, free in zip(table, drawn_from, strict=True):
         row[: len(free)] = free
     u, at = rng.random((settings.tries, len(agents))), 0
     fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
     found: dict[tuple[int, ...], float] = {}
-    for _ in range(settings.restarts):
+    for _ in range(settings.restarts * (MORE if short else 1)):
         at, cost = drawn(*fixed, choice, margins, ahead, lp, table, counts, u, at)
         if cost == np.inf:
             break
@@ -375,6 +379,15 @@ def find_grasp(
             "more friction, a larger max_force, a lighter object, or another agent",
         )  # fmt: skip
     return tuple(stance_of(hand, path, scan, agents, choice) for choice in sorted(found, key=lambda each: found[each]))
+
+
+def longest(kept: Array, legal: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the legal candidates that can be kept as long as the PROMISING best of them; OUT stays."""
+    on = kept[legal[legal != OUT]]
+    if len(on) <= PROMISING:
+        return legal
+    least = np.sort(on)[-PROMISING]
+    return legal[(legal == OUT) | (kept[legal] >= least)]
 
 
 def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: tuple[int, ...]) -> Stance:

@@ -16,19 +16,22 @@ from regrasp.planner.assemble import Segment
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
+from regrasp.planner.follow import is_full
 from regrasp.planner.grasp import OUT, Stance, find_grasp
+from regrasp.planner.hand import Hand
 from regrasp.planner.local import failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure, Report
 from regrasp.planner.path import Path, Pose, nominal_path
+from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
 from regrasp.planner.task import Task
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
-STANCES = 6  # grasps that are tried where agents take hold of what supports carry, or have few joints
+STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
@@ -102,9 +105,25 @@ def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[S
     return Segment(motion, np.array([problem.energy()])), problem.grasp(len(V))
 
 
+def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> None:
+    """Write into V how the agents of fewer than six joints that hold the object keep their contacts, as far as they can."""
+    for i in np.flatnonzero(grasp.holds).tolist():
+        if is_full(hand, i):
+            continue
+        mine = slice(hand.chains.start[i], hand.chains.start[i + 1])
+        p_OC, p_TC, R_OT, q = grasp.p_OC[i].copy(), grasp.p_TC[i].copy(), grasp.R_OT[i].copy(), grasp.q[mine].copy()
+        R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
+        for j in range(len(V)):
+            code = roll_within(hand, path, commands, j, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+            if code < 0:
+                break
+            V[j, i] = code
+
+
 def stay(task: Task, path: Path, grasp: Grasp, stage: str) -> tuple[Segment, Grasp] | Failure:
-    """All agents keep what they do: those that hold their contacts, the others off."""
+    """All agents keep what they do: those that hold their contacts, rolling if they must, the others off."""
     V = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (len(path.R_WO), 1))
+    roll(task.hand, path, terms_of(task.hand, task.settings.local).commands, grasp, V)
     return moved(task, path, grasp, V, stage)
 
 
@@ -183,7 +202,7 @@ def without_search(
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances[: STANCES if carried or short else 1]:
+            for stance in stances if short else stances[: STANCES if carried else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held

@@ -101,7 +101,7 @@ def objective(
     if value >= bound:
         return np.inf
     value += terms.outlook * (
-        1.0 - outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, candidate, terms.clearance)
+        1.0 - outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, candidate, terms.clearance, terms.commands)
     )
     if value >= bound:
         return np.inf

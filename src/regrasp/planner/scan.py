@@ -15,12 +15,13 @@ from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import SPHERE, project, tangents
+from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
-from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, short_step, tip_target
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.path import Path, pose_at
+from regrasp.planner.rolling import roll_within
 from regrasp.planner.tips import over, touches_in_a_point, under
 
 Array = NDArray[np.float64]
@@ -264,20 +265,16 @@ def look_ahead(n: int, j: int, look: int) -> int:
 
 @njit(cache=True, nogil=True)
 def hold_on(
-    hand: Hand, path: Path, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, q: Array, p: Array, n_O: Array
-) -> int:
-    """How many looks ahead from configuration j agent i can keep a contact by `stay`.
+    hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
+    q: Array, p: Array, n_O: Array,
+) -> int:  # fmt: skip
+    """How many looks ahead from configuration j agent i can keep a contact.
 
     q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out; p, n_O (LOOKS + 1, 3): the contact point and its
-    normal there, likewise. The contact of an agent of fewer than six joints rolls as its tip must turn; p_OC, p_TC, R_OT are
-    scratch for it.
+    normal there, likewise. An agent of fewer than six joints rolls as in `roll_within`; p_OC, p_TC, R_OT are scratch for it.
     """
     n, n_a = path.R_WO.shape[0], q.shape[1]
     R_WL, p_WL, R_WT, p_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3)
-    still, x, y = stack(4), stack(3), stack(3)
-    still[:] = 0.0
-    tangents(n_O[0], x, y)
-    m = path.R_WO.shape[1] - 1.0
     for look in range(1, LOOKS + 1):
         first, last = look_ahead(n, j, look - 1), look_ahead(n, j, look)
         q[look], p[look], n_O[look] = q[look - 1], p[look - 1], n_O[look - 1]
@@ -289,9 +286,7 @@ def hold_on(
                 return look - 1
         else:
             for at in range(first, last):
-                R_A, p_A = pose_at(path, at)
-                R_Z, p_Z = pose_at(path, at + 1)
-                if not short_step(hand, R_A, p_A, R_Z, p_Z, i, still, m, p_OC, p_TC, R_OT, x, q[look], R_WL, p_WL):
+                if roll_within(hand, path, commands, at, i, p_OC, p_TC, R_OT, q[look], R_WL, p_WL) < 0:
                     return look - 1
             project(hand.kind_O, hand.size_O, hand.grids, p_OC, p[look], n_O[look])
     return LOOKS
@@ -299,8 +294,9 @@ def hold_on(
 
 @njit(cache=True, nogil=True)
 def outlook_of(
-    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, j: int, i: int, c: int, clearance: float
-) -> float:
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, j: int, i: int, c: int, clearance: float,
+    commands: Array,
+) -> float:  # fmt: skip
     """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
 
     R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
@@ -312,7 +308,7 @@ def outlook_of(
     q, p, n_O = np.zeros((LOOKS + 1, n_a)), np.empty((LOOKS + 1, 3)), np.empty((LOOKS + 1, 3))
     kept = 0 if j < n else LOOKS
     if j < n:
-        reached = stay_on(hand, path, scan, j, i, c, q, p, n_O)
+        reached = stay_on(hand, path, scan, commands, j, i, c, q, p, n_O)
         while kept < reached:
             forward(hand.chains, i, q[kept + 1], scan.R_WL, scan.p_WL)
             place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
@@ -325,14 +321,16 @@ def outlook_of(
 
 
 @njit(cache=True, nogil=True)
-def stay_on(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, q: Array, p: Array, n_O: Array) -> int:
+def stay_on(
+    hand: Hand, path: Path, scan: Scan, commands: Array, j: int, i: int, c: int, q: Array, p: Array, n_O: Array
+) -> int:
     """`hold_on` of agent i on candidate c in configuration j; q, p, n_O out."""
     p_OC, p_TC, R_OT = stack(3), stack(3), stack((3, 3))
     q[0] = scan.q[i, j, c, : q.shape[1]]
     p[0], n_O[0] = scan.p[i, j, c], scan.n[i, j, c]
     p_OC[:] = p[0]
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
-    return hold_on(hand, path, j, i, p_OC, p_TC, R_OT, q, p, n_O)
+    return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, q, p, n_O)
 
 
 @njit(cache=True, nogil=True)

@@ -166,15 +166,7 @@ def _of_world(world: World) -> Iterator[Symptom]:
     data = mujoco.MjData(model)
     data.qpos[:] = world.start
     mujoco.mj_kinematics(model, data)
-    for g, h in world.collision_pairs:
-        depth = -mujoco.mj_geomDistance(model, data, int(g), int(h), collisions.REACH, None)
-        if depth > 0.0:
-            held = bool({int(g), int(h)} & {int(o) for o in world.object_geoms})
-            who = " and ".join(_called(model, int(i)) for i in (g, h))
-            yield Symptom(
-                "warning" if held else "error", who, f"overlap by {1e3 * depth:.2g} mm at rest",
-                "another home, or an <exclude> where they are meant to",
-            )  # fmt: skip
+    yield from _of_rest(world, data)
     for said in world.links.said:
         yield Symptom("note", "model", said)
     for said in world.links.crowded:
@@ -196,6 +188,24 @@ def _of_world(world: World) -> Iterator[Symptom]:
             "error", "agents", f"together they bear {most:.3g} N at most, the object weighs {weight:.3g} N",
             "a larger max_force, more agents, a lighter object or supports",
         )  # fmt: skip
+
+
+def _of_rest(world: World, data: mujoco.MjData) -> Iterator[Symptom]:
+    """Bodies that overlap with every agent at rest and the object at its start; `data` after mj_kinematics."""
+    model = world.model
+    deepest: dict[tuple[str, str], tuple[float, bool]] = {}
+    for g, h in world.collision_pairs:
+        depth = -mujoco.mj_geomDistance(model, data, int(g), int(h), collisions.REACH, None)
+        held = bool({int(g), int(h)} & {int(o) for o in world.object_geoms})
+        who = _called(model, int(g)), _called(model, int(h))
+        if depth > max(deepest.get(who, (0.0, held))[0], 0.0):
+            deepest[who] = depth, held
+    for who, (depth, held) in deepest.items():
+        what = f"overlap by {1e3 * depth:.2g} mm at rest"
+        if held:
+            yield Symptom("note", " and ".join(who), what, "an agent that is off needs another home")
+        else:
+            yield Symptom("error", " and ".join(who), what, "another home, or an <exclude> where they are meant to")
 
 
 def _of_reach(world: World) -> Iterator[Symptom]:

@@ -75,6 +75,7 @@ def _rounded(robot: mujoco.MjSpec, tip: mujoco.MjsGeom) -> list[str]:
     body.explicitinertial, body.fullinertia = True, [np.nan, 0, 0, 0, 0, 0]
     body.mass, body.inertia = model.body_mass[body.id], model.body_inertia[body.id]
     body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+    body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     solid = {"contype": tip.contype, "conaffinity": tip.conaffinity, "friction": tip.friction}
     rest = fits.between(corners, outward, -np.inf, float(centre @ outward) - CUT * radius)
     if len(rest) > 3:

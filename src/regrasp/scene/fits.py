@@ -89,8 +89,8 @@ def surface(primitive: Primitive) -> Array:
         local = np.concatenate([rim, rim * np.array([1.0, 1.0, -1.0])])
     else:
         i = np.arange(300) + 0.5
-        z, turn = 1 - 2 * i / 300, np.pi * (1 + math.sqrt(5)) * i
-        ball = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+        z, angle = 1 - 2 * i / 300, np.pi * (1 + math.sqrt(5)) * i
+        ball = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
         local = primitive.size[0] * ball + np.sign(z)[:, None] * [0.0, 0.0, primitive.size[1]]
     return local @ primitive.R.T + primitive.p
 

@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from regrasp.scene.contours import contour
 
@@ -41,10 +40,14 @@ class Spline:
 
     @cached_property
     def _coefficients(self) -> Array:
+        from scipy import ndimage
+
         return np.asarray(ndimage.spline_filter(self.grid.values, order=3, mode="mirror"))
 
     def values(self, points: Array) -> Array:
         """The spline at points (N, 3), m."""
+        from scipy import ndimage
+
         nodes = ((points - self.grid.origin) / self.grid.spacing).T
         return np.asarray(
             ndimage.map_coordinates(self._coefficients, nodes, order=3, mode="mirror", prefilter=False), dtype=float

@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from regrasp.scene.cache import Arrays, kept
 from regrasp.scene.triangles import moments
@@ -26,6 +25,8 @@ def parts_of(vertices: Array, faces: Ints) -> list[tuple[Array, float]]:
     A convex mesh is one. Others are cut by CoACD (Wei, Liu, Ling & Su, SIGGRAPH 2022), which may take minutes; what it
     found is kept.
     """
+    from scipy.spatial import ConvexHull
+
     hull = ConvexHull(vertices)
     if moments(vertices, faces)[0] >= CONVEX * hull.volume:
         return [reduced(vertices[hull.vertices])]
@@ -54,6 +55,8 @@ def reduced(points: Array) -> tuple[Array, float]:
 
     The rest is left out where it reaches no farther than EXACT, or from CORNERS vertices on.
     """
+    from scipy.spatial import ConvexHull
+
     points = points[ConvexHull(points).vertices]
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle)[2]
@@ -81,6 +84,8 @@ def _spanning(points: Array, chosen: list[int]) -> list[int]:
 
 def swept(vertices: Array, radius: float) -> Array:
     """Vertices of the convex set swept by a ball: its flat faces are exact, its edges and corners lack ROUND at most, m."""
+    from scipy.spatial import ConvexHull
+
     if radius == 0.0:
         return vertices
     hull = ConvexHull(vertices)

@@ -79,8 +79,8 @@ def hands() -> dict[str, dict[str, str]]:
 def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
-    value = field.default
-    if value is None:
+    value = field.get_default(call_default_factory=True)
+    if value is None or value == {}:
         return "the hand's own"
     return "the world's origin" if isinstance(value, Pose) else str(value).lower()
 

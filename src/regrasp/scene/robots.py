@@ -111,15 +111,19 @@ def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
         if joint in moving:
             continue
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            _freeze(joint, _rest(model, joint.id))
+            _freeze(robot, joint, _rest(model, joint.id))
         robot.delete(joint)
 
 
-def _freeze(joint: mujoco.MjsJoint, value: float) -> None:
+def _freeze(robot: mujoco.MjSpec, joint: mujoco.MjsJoint, value: float) -> None:
     """Moves the joint's body, which has no other joint, to where the joint has this value (rad or m)."""
     body = joint.parent
     if value == 0.0 or len(body.joints) > 1:
         return
+    if body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:  # euler angles and the like, which come before quat
+        degree, sequence = body.compiler.degree, body.compiler.eulerseq
+        body.quat = robot.resolve_orientation(degree=degree, sequence=sequence, orientation=body.alt)
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     turn = np.array([1.0, 0.0, 0.0, 0.0])
     shift = value * np.array(joint.axis)
     if joint.type == mujoco.mjtJoint.mjJNT_HINGE:

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.spatial import cKDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,8 +35,10 @@ class Triangles:
         return self.vertices[self.faces]
 
     @cached_property
-    def _samples(self) -> tuple[cKDTree, Ints]:
+    def _samples(self) -> "tuple[cKDTree, Ints]":
         """A tree of points that lie everywhere on the triangles within about `spacing` of one another, and whose they are."""
+        from scipy.spatial import cKDTree
+
         corners = self.corners
         longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
         count = np.maximum(1, np.ceil(longest / self.spacing)).astype(np.int64)
@@ -109,6 +113,8 @@ class Triangles:
 
         Elsewhere it is that from the foot of the nearest node beside a triangle, too large by a part of the spacing.
         """
+        from scipy import ndimage
+
         low = np.floor((self._samples[0].data - origin) / spacing).astype(np.int64)
         beside = np.zeros(shape, bool)
         for corner in np.ndindex(2, 2, 2):

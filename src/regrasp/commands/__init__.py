@@ -1,0 +1,1 @@
+"""The commands of the command line. Heavy libraries are imported by the command that needs them."""

@@ -1,0 +1,47 @@
+"""Measuring the method."""
+
+import importlib
+from typing import Annotated, Literal
+
+from regrasp.commands.line import DONE, REFUSED, Answer, parse
+from regrasp.errors import InputError
+
+BENCHES = {
+    "paper": "searches",
+    "minima": "searches",
+    "scenes": "scenes",
+    "replays": "replays",
+    "replans": "replans",
+    "levers": "levers",
+    "goals": "goals",
+}
+"""Benchmark → the module of `regrasp.bench` that has it."""
+
+
+def bench(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(
+        name: Annotated[
+            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals"], tyro.conf.Positional
+        ],
+        seeds: int = 10,
+    ) -> tuple[str, int]:
+        """Read the command line.
+
+        Args:
+            name: paper: the paper's own job, timed (§5). minima: local minima of the energy (§5).
+                scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
+                replans: displaced states along plans, planned again.
+                levers: what makes them survive it, switched off one by one.
+                goals: random goals of objects in three fingertips.
+            seeds: How many seeds are run, or goals per object.
+        """
+        return name, seeds
+
+    name, seeds = parse(request, "bench", arguments)
+    if seeds < 1:
+        raise InputError("--seeds", f"is {seeds}", "1 or more")
+    module = importlib.import_module(f"regrasp.bench.{BENCHES[name]}")
+    answer = getattr(module, name)(seeds=seeds)
+    return (DONE if answer.get("passed", True) else REFUSED), {"bench": name, **answer}

@@ -1,0 +1,64 @@
+"""How agents of few joints keep a contact: a finger's bend is its own choice, and it rolls where a joint nears its limit.
+
+With fewer than six joints the tip turns as the object's motion makes it turn. What freedom is left is used by rolling
+motions; while no joint is near its limit, none is.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from regrasp.kernels.stack import stack
+from regrasp.kernels.surfaces import project, tangents
+from regrasp.planner.follow import short_step
+from regrasp.planner.hand import Hand
+from regrasp.planner.motions import ROLL_MINUS_Y, STAY, whole
+from regrasp.planner.path import Path, pose_at
+
+Array = NDArray[np.float64]
+
+ROOM = 0.25  # rad or m to its limits that every joint shall have after an interval
+
+
+@njit(cache=True, nogil=True)
+def cramped(hand: Hand, i: int, q: Array) -> float:
+    """Σ of the squares of what agent i's joints q (n_a,) lack of ROOM to their limits."""
+    first, total = hand.chains.start[i], 0.0
+    for a in range(len(q)):
+        left = min(q[a] - hand.chains.lower[first + a], hand.chains.upper[first + a] - q[a])
+        total += max(0.0, ROOM - left) ** 2
+    return total
+
+
+@njit(cache=True, nogil=True)
+def roll_within(
+    hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
+    q: Array, R_WL: Array, p_WL: Array,
+) -> int:  # fmt: skip
+    """The contact motion that takes agent i, of fewer than six joints, through interval j, or −1 for none.
+
+    Staying, unless joints have less than ROOM left after it and a roll leaves them more. The contact p_OC, p_TC, R_OT and the
+    joints q (n_a,) are those at the start in, at the end out, in one step instead of the interval's samples.
+    """
+    R_A, p_A = pose_at(path, j)
+    R_Z, p_Z = pose_at(path, j + 1)
+    steps = path.R_WO.shape[1] - 1.0
+    foot, n, x, y = stack(3), stack(3), stack(3), stack(3)
+    p, c, R, p_best, c_best, R_best = stack(3), stack(3), stack((3, 3)), stack(3), stack(3), stack((3, 3))
+    joints, q_best = np.empty_like(q), np.empty_like(q)
+    project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+    best, least = whole(-1), np.inf
+    for code in range(STAY, ROLL_MINUS_Y + 1):
+        tangents(n, x, y)
+        p[:], c[:], R[:], joints[:] = p_OC, p_TC, R_OT, q
+        if not short_step(hand, R_A, p_A, R_Z, p_Z, i, commands[code], steps, p, c, R, x, joints, R_WL, p_WL):
+            continue
+        value = cramped(hand, i, joints)
+        if value < least:
+            best, least = whole(code), value
+            p_best[:], c_best[:], R_best[:], q_best[:] = p, c, R, joints
+        if value == 0.0:
+            break
+    if best >= 0:
+        p_OC[:], p_TC[:], R_OT[:], q[:] = p_best, c_best, R_best, q_best
+    return best
