@@ -211,7 +211,17 @@ def short_step(
         if stage == 0:
             # Where the tip spins and the surface bends, ω has other parts in the tangents half-way.
             advance(
-                hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, step, whole(1), foot, p_TM, R_OM, x
+                hand.kind_O,
+                hand.size_O,
+                hand.kind_T[i],
+                hand.size_T[i],
+                hand.grids,
+                step,
+                whole(1),
+                foot,
+                p_TM,
+                R_OM,
+                x,
             )
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]

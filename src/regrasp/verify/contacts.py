@@ -98,6 +98,7 @@ def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contact
             _, contacts.p_O[j, s, a] = surface.nearest(aside)
             contacts.n_O[j, s, a] = aside.normal(contacts.p_O[j, s, a])
 
+
 def _on_rim(part: Part, p_O: Array) -> bool:
     """Whether a point of a cylinder's surface is on its rounded rim or on an edge that ends there."""
     radius, half, _, rounding = part.size
