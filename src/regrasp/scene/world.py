@@ -104,7 +104,9 @@ class World:
     @cached_property
     def repairs(self) -> tuple[str, ...]:
         """What was put right in a robot of one's own and in the object's mesh, each in a sentence."""
-        return (*robots.repairs(self.model), *(f"the object's mesh: {remark}" for remark in self.matter.remarks))
+        mesh = self.matter.mesh
+        said = mesh.remarks if mesh is not None else ()
+        return (*robots.repairs(self.model), *(f"the object's mesh: {remark}" for remark in said))
 
     @cached_property
     def links(self) -> Links:
