@@ -323,11 +323,12 @@ def nothing_ahead(agents: int, candidates: int, geoms: int) -> Ahead:
 
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
-    settings: GraspSearch, rng: np.random.Generator,
+    settings: GraspSearch, rng: np.random.Generator, holding: Grasp | None = None,
 ) -> tuple[Stance, ...] | Failure:  # fmt: skip
-    """Start grasps (`auto`) on candidates of the scan, what each restart leads to, the one of the least cost first.
+    """Grasps on candidates of the scan, what each restart leads to, the one of the least cost first.
 
-    All agents hold that are not off; where supports carry the object, as many as it costs least.
+    All agents hold that are not off; where supports carry the object, as many as it costs least. holding: the grasp at hand,
+    in whose way nobody may stand; else those who are off are at rest.
     """
     k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     agents = np.array([i for i in range(k) if i not in off], np.int64)
@@ -352,10 +353,12 @@ def find_grasp(
     for i in range(k):
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
+        forward(hand.chains, i, (hand.home if holding is None else holding.q)[first:last], R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
     own = object_row(hand)
     for i in off:
+        if holding is not None and holding.holds[i]:
+            continue
         if (
             hits(hand, i, k, rest_R[i], rest_p[i], R_WB[0], p_WB[0], 0.0)
             or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
