@@ -116,7 +116,7 @@ def test_a_mesh_that_mujoco_does_not_read_is_converted(tmp_path: Path, suffix: s
     (tmp_path / f"hand.{suffix}").write_bytes(content.encode() if isinstance(content, str) else content)
     found = read(tmp_path / "r.urdf", robot(mesh(f"hand.{suffix}")))
     np.testing.assert_allclose(extents(found), [0.02, 0.04, 0.08], atol=1e-6)
-    (said,) = found.repairs
+    said = found.repairs[0]
     assert re.fullmatch(
         rf"mesh 'hand.{suffix}' is a (text|{suffix} file), which MuJoCo does not read: made binary STL", said
     )
@@ -133,11 +133,29 @@ def test_a_dae_in_other_units_is_as_large_as_it_says(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("inertial", "said"),
+    [
+        ("", ["link 'hand' has no mass: that of its collision geometry at 1000 kg/m³"]),
+        ('<inertial><mass value="0.1"/></inertial>', ["body 'hand' has no inertia: given 1e-06 kg m²"]),
+        ('<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="nan"/></inertial>', ["body 'hand' has principal"]),
+        ('<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>', []),
+    ],
+)
+def test_what_is_missing_of_a_mass_is_made_up_and_told(tmp_path: Path, inertial: str, said: list[str]) -> None:
+    found = read(tmp_path / "r.urdf", robot(BALL, inertial))
+    of_hand = [each for each in found.repairs if "'hand'" in each]
+    assert [each.startswith(start) for each, start in zip(of_hand, said, strict=True)] == [True] * len(said)
+    assert found.spec.compile().body("hand").mass[0] == pytest.approx(
+        0.1 if inertial else 1000 * 4 / 3 * np.pi * 0.02**3
+    )
+
+
 def test_a_picture_that_is_missing_or_broken_is_left_out_and_a_body_is_not(tmp_path: Path) -> None:
     (tmp_path / "broken.glb").write_bytes(b"no mesh")
     for uri, why in (("package://x/none.stl", "is not found"), ("broken.glb", "cannot be read")):
         found = read(tmp_path / "r.urdf", robot(BOX, f"<visual><geometry>{mesh(uri)}</geometry></visual>"))
-        (said,) = found.repairs
+        said = found.repairs[0]
         assert said.startswith(f"mesh {uri!r} {why}")
         assert said.endswith("left out, it is for the eye only")
         np.testing.assert_allclose(extents(found), [0.02, 0.02, 0.1])

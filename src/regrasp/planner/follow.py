@@ -253,6 +253,14 @@ def short_step(
             residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
             multiply_back(R_Z, R_WL[n_a], R_OT)
         kept = kept and agree
+        # Settling moved the contact a little; its frame goes along.
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+        along, length = n[0] * x_O[0] + n[1] * x_O[1] + n[2] * x_O[2], 0.0
+        for a in range(3):
+            x_O[a] -= along * n[a]
+            length += x_O[a] ** 2
+        for a in range(3):
+            x_O[a] /= np.sqrt(length)
     settled = 0.0
     for a in range(n_a):
         settled = max(settled, abs(q[a] - middle[a]))

@@ -100,6 +100,9 @@ def _of_robot(robot: Robot) -> Iterator[Symptom]:
         yield Symptom(
             "warning", who, "bound by an equality constraint: not to be in an agent's chain", "free joints there"
         )
+    if robot.spec.tendons:
+        what = f"{len(robot.spec.tendons)} tendons are ignored: what they couple moves freely in a plan"
+        yield Symptom("warning", "model", what, "agents whose joints no tendon couples")
     option = model.opt
     weak = [
         word

@@ -16,6 +16,7 @@ CONCAVITY = 0.05  # CoACD's threshold: how far, in half extents, the parts may c
 CORNERS = 256  # vertices of a part at most
 EXACT = 1e-5  # m that leaving out a vertex may cost
 ROUND = 2e-5  # m that the ball which a rounded part is swept by may lack
+SIMPLER = 5e-5  # m by which the mesh may be coarsened for it
 SEED = 0
 
 
@@ -36,17 +37,25 @@ def parts_of(vertices: Array, faces: Ints) -> list[tuple[Array, float]]:
 def _cut(vertices: Array, faces: Ints) -> list[Array]:
     def cut() -> Arrays:
         import coacd
+        import manifold3d
 
+        # CoACD takes a manifold as it is; it would make anything else anew, without its flat faces.
+        solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64))).simplify(SIMPLER)
+        points, triangles = vertices, faces
+        if solid.num_tri() > 0:
+            points, triangles = solid.to_mesh64().vert_properties[:, :3], solid.to_mesh64().tri_verts.astype(np.int64)
         print("cutting the mesh into convex parts; this takes a minute or two, once", file=sys.stderr, flush=True)
         coacd.set_log_level("error")
-        found = coacd.run_coacd(coacd.Mesh(vertices, faces), threshold=CONCAVITY, max_ch_vertex=CORNERS, seed=SEED)
+        found = coacd.run_coacd(coacd.Mesh(points, triangles), threshold=CONCAVITY, max_ch_vertex=CORNERS, seed=SEED)
         print(f"{len(found)} convex parts", file=sys.stderr, flush=True)
         return {
             "points": np.concatenate([np.array(points) for points, _ in found]),
             "count": np.array([len(points) for points, _ in found]),
         }
 
-    arrays = kept("parts", {"vertices": vertices, "faces": faces, "concavity": np.array(CONCAVITY)}, cut)
+    arrays = kept(
+        "parts", {"vertices": vertices, "faces": faces, "settings": np.array([CONCAVITY, SIMPLER, SEED])}, cut
+    )
     return np.split(np.asarray(arrays["points"], float), np.cumsum(arrays["count"])[:-1])
 
 

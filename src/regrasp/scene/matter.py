@@ -44,8 +44,8 @@ class Matter:
 
     kind, size: its surface's code and size; parts: they make up its solid; mass, kg, centre: of mass, (3,) in O, m, and
     inertia (3, 3) about it in O's axes, kg m².
-    skin: the triangulated surface, where a mesh is the object; error: m by which it may differ from the mesh opened, in
-    creases; remarks: what was mended.
+    Where it is a mesh: the mesh; skin: its surface, opened and triangulated; error: m by which that differs from the mesh
+    opened, at most, which is in creases.
     """
 
     kind: int
@@ -56,7 +56,7 @@ class Matter:
     inertia: Array
     skin: Skin | None = None
     error: float = 0.0
-    remarks: tuple[str, ...] = ()
+    mesh: meshes.Mesh | None = None
 
 
 def assets_of(shape: AnyObject) -> dict[str, bytes]:
@@ -98,15 +98,15 @@ def matter_of(shape: AnyObject, assets: Assets) -> Matter:
         return Matter(MESH, np.array([0.0, 0.0, 0.0, rounding]), parts, *_weighed(shape, skin.vertices, skin.faces))
     stored = _stored(assets)
     pieces = np.split(stored["parts"], np.cumsum(stored["counts"])[:-1])
-    parts = tuple(
-        _hull(points, shape.rounding + float(excess)) for points, excess in zip(pieces, stored["excess"], strict=True)
+    radii = shape.rounding + stored["excess"]
+    mesh = meshes.Mesh(stored["vertices"], stored["faces"], tuple(str(remark) for remark in stored["remarks"]))
+    skin = Skin(
+        stored["skin_vertices"].astype(float), stored["skin_normals"].astype(float), stored["skin_faces"].astype(int)
     )
     return Matter(
-        MESH, np.array([0.0, 0.0, 0.0, shape.rounding]), parts, *_weighed(shape, stored["vertices"], stored["faces"]),
-        skin=Skin(
-            stored["skin_vertices"].astype(float), stored["skin_normals"].astype(float), stored["skin_faces"].astype(int)
-        ),
-        error=float(stored["error"]), remarks=tuple(str(remark) for remark in stored["remarks"]),
+        MESH, np.array([0.0, 0.0, 0.0, shape.rounding]),
+        tuple(_hull(points, float(radius)) for points, radius in zip(pieces, radii, strict=True)),
+        *_weighed(shape, mesh.vertices, mesh.faces), skin=skin, error=float(stored["error"]), mesh=mesh,
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """Mesh files read, and mended where they do not enclose a solid."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,24 +68,24 @@ def mended(loaded: Any, scale: float, field: str) -> Mesh:
     loaded.update_faces(loaded.unique_faces() & loaded.nondegenerate_faces(height=1e-12))
     if dropped := before - len(loaded.faces):
         remarks.append(f"{dropped} faces without area or given twice left out")
-    if not loaded.is_winding_consistent:
+    if not closed(loaded.faces) and not loaded.is_winding_consistent:
         trimesh.repair.fix_winding(loaded)  # type: ignore[no-untyped-call]
         remarks.append("faces turned to the same side as their neighbours")
-    if not loaded.is_watertight:
+    if not closed(loaded.faces):
         vertices, faces, holes = filled(np.array(loaded.vertices), np.array(loaded.faces), field)
         loaded = trimesh.Trimesh(vertices, faces, process=False)
         remarks.append(f"{holes} holes filled")
-    if not loaded.is_winding_consistent or not loaded.is_watertight:
+    if not closed(loaded.faces):
         raise InputError(
             field,
-            "the surface meets itself and encloses nothing definite",
+            "the surface has edges at which its sides are not told apart",
             "mend it in a mesh editor: manifold, watertight",
         )
     bodies = loaded.split(only_watertight=False) if loaded.body_count > 1 else [loaded]
     if loaded.volume < 0.0:
         loaded.invert()
         remarks.append("faces turned outwards")
-    elif len(bodies) > 1 and all(body.volume > 0.0 for body in bodies):
+    elif len(bodies) > 1 and all(closed(body.faces) and body.volume > 0.0 for body in bodies):
         loaded = trimesh.boolean.union(bodies, engine="manifold")
         remarks.append(f"{len(bodies)} bodies made one")
     return Mesh(scale * np.array(loaded.vertices), np.array(loaded.faces, dtype=np.int64), tuple(remarks))
@@ -112,13 +113,23 @@ def filled(vertices: Array, faces: Ints, field: str) -> tuple[Array, Ints, int]:
     return np.vstack([vertices, *added_vertices]), np.vstack([faces, *added_faces]), len(added_vertices)
 
 
+def closed(faces: Ints) -> bool:
+    """Whether as many faces take each edge in one direction as in the other: the surface may meet itself, but has two sides."""
+    return not any(open_edges(faces).values())
+
+
+def open_edges(faces: Ints) -> Counter[tuple[int, int]]:
+    """Edges a b in the faces' direction and how many of them no other face takes from b to a."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there = Counter(map(tuple, edges.tolist()))
+    return there - Counter((b, a) for a, b in there.elements())
+
+
 def rims(faces: Ints) -> Iterator[list[int]]:
-    """The closed ways along edges that have one face only, in the faces' direction."""
-    edges = {(int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True)}
+    """The closed ways along edges that are open, in the faces' direction."""
     after: dict[int, list[int]] = {}
-    for a, b in edges:
-        if (b, a) not in edges:
-            after.setdefault(a, []).append(b)
+    for a, b in open_edges(faces).elements():
+        after.setdefault(a, []).append(b)
     while after:
         start = next(iter(after))
         rim, at = [], start

@@ -26,6 +26,8 @@ def text(spec: mujoco.MjSpec) -> str:
             _body(element, model)
         elif element.tag in ("joint", "freejoint") and element.get("name"):
             _joint(element, model)
+        elif element.tag == "mesh" and element.get("vertex"):
+            _write(element, "vertex", spec.mesh(element.get("name")).uservert)
         elif element.tag == "geom" and element.get("name"):
             _geom(element, model)
         elif element.tag == "text" and element.text:  # written as CDATA, which this XML library does not keep

@@ -33,6 +33,7 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
             repairs += tips.give(robot, f"agents.{i}.tip", agent.tip_name, agent.tip)
         else:
             repairs += ends.prepare(robot, f"agents.{i}.tip", agent.tip_name)
+            repairs += tips.smooth(robot, f"agents.{i}.tip", agent.tip_name)
     robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
     moving = [joint for chain in chains for joint in chain]

@@ -9,7 +9,7 @@ import numpy as np
 from regrasp.errors import InputError
 from regrasp.plan import Plan
 from regrasp.scene.world import World, from_plan
-from regrasp.verify import balance, contacts, form, slip
+from regrasp.verify import balance, contacts, form, shape, slip
 from regrasp.verify.findings import Certificate, Finding
 from regrasp.verify.motion import interpolate
 
@@ -33,6 +33,7 @@ def _measure(plan: Plan, world: World) -> list[Finding]:
     motion = interpolate(plan, world)
     touch = contacts.measure(plan, world, motion)
     return [
+        *shape.shape_findings(world),
         *form.pose_findings(plan, world),
         *form.grasp_findings(plan, world, touch),
         *form.motion_findings(plan, world, motion),

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.plan import MOTIONS, OFF, RELOCATE, SUPPORT_MODES, Plan
 from regrasp.scene import fixtures
+from regrasp.scene.collisions import vertices
 from regrasp.scene.matter import Matter, add_to, matter_of
 from regrasp.scene.world import World
 from regrasp.verify.contacts import TOUCH, Contacts, touching
@@ -92,8 +93,10 @@ def model_findings(plan: Plan, world: World) -> list[Finding]:
             if name == "geom_size" and len(a) == len(b):
                 solid = theirs.geom_type != mujoco.mjtGeom.mjGEOM_PLANE  # a plane's size is for display
                 a, b = a[solid], b[solid]
-            same = a.shape == b.shape
-            differences.append(np.abs(a - b).max(initial=0.0) if same else np.inf)
+            differences.append(_difference(a, b))
+        meshes = np.flatnonzero(theirs.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+        for g, h in zip(np.asarray(ours)[meshes] if len(ours) == theirs.ngeom else (), meshes, strict=False):
+            differences.append(_difference(vertices(model, int(g)), vertices(theirs, int(h))))
     text = "difference between stored model and stored scene in object, surroundings, friction or gravity"
     other = 0.0 if plan.xml == world.xml and dict(plan.assets) == dict(world.assets) else np.inf
     return [
@@ -170,6 +173,10 @@ def grasp_findings(plan: Plan, world: World, contacts: Contacts) -> list[Finding
         worst("start joints", "joints against those the scene gives", max(joints), START, "rad or m"),
         worst("start points", "contact points against those the scene gives", max(points), TOUCH, "m"),
     ]
+
+
+def _difference(a: Array, b: Array) -> float:
+    return float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else np.inf
 
 
 def _angle(a: Array, b: Array) -> Array:

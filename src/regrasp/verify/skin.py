@@ -18,12 +18,13 @@ from regrasp.scene.grids import Skin
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FACES = 12  # looked at closely
-LATTICE, FINER, ROUNDS = (
-    6,
-    4,
-    5,
-)  # points along a patch's side; how much smaller each round's part of a patch is; rounds
+VERTICES = 5  # whose patches are looked at
+PATCHES = 4  # of them that are looked at more closely
+FINER, FINEST = 4.0, 4e-3  # how much smaller each round's part of a patch is, and the last one's
+WHOLE = np.array([(i, j) for i in range(6) for j in range(6 - i)]) / 5.0
+"""Shares of a patch's corners 1 and 2, all over it."""
+AROUND = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) / 2.0
+"""… and about one point."""
 STEP = 1e-6  # m, for the gradient of a tip's distance
 
 

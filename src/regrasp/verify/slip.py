@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.plan import FIRST_ROLL, FIRST_SLIDE, RELOCATE, SLIDE, STICK, Plan
 from regrasp.scene.world import World
-from regrasp.verify.contacts import RIM, Contacts, touching
+from regrasp.verify.contacts import Contacts, touching
 from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, rotation_vector, unit
 
@@ -108,12 +108,7 @@ def motion_findings(plan: Plan, world: World, motion: Motion, contacts: Contacts
                       np.sum(_dot(steps.slip, x), axis=1), np.sum(_dot(steps.slip, y), axis=1)], axis=-1)  # fmt: skip
     astray = np.abs(twist - plan.twist)
     who = plan.agent_names
-    # Where nearest point and normal jump, turns about a wrong point are taken for slips, turns about the normal for rolls.
-    jumps = contacts.rim.any(axis=1) * whole
-    allowed_turn, allowed_slip = (
-        FRACTION * whole + TURN_FLOOR + RIM[1] * jumps,
-        FRACTION * way + SLIP_FLOOR + RIM[0] * jumps,
-    )
+    allowed_turn, allowed_slip = FRACTION * whole + TURN_FLOOR, FRACTION * way + SLIP_FLOOR
     return [
         worst("slip", "way the tip slips on the object while it rolls or stays", _total(steps.slip), allowed_slip, "m",
               "jx", None, who, rolls),
@@ -128,11 +123,9 @@ def motion_findings(plan: Plan, world: World, motion: Motion, contacts: Contacts
         worst("slide happens", "least way of a slide over the way measured",
               SLIDE_FLOOR / np.maximum(moved, 1e-12), 1.0, "", "jx", None, who, slides),
         worst("stated rotation", "stated relative rotation against the one measured", astray[..., :2].max(axis=-1),
-              FRACTION * np.linalg.norm(plan.twist[..., :2], axis=-1) + TURN_FLOOR + RIM[1] * jumps,
-              "rad", "jx", None, who, touch),
+              FRACTION * np.linalg.norm(plan.twist[..., :2], axis=-1) + TURN_FLOOR, "rad", "jx", None, who, touch),
         worst("stated slide", "stated relative displacement against the one measured", astray[..., 2:].max(axis=-1),
-              FRACTION * np.linalg.norm(plan.twist[..., 2:], axis=-1) + SLIDE_FLOOR + RIM[0] * jumps,
-              "m", "jx", None, who, touch),
+              FRACTION * np.linalg.norm(plan.twist[..., 2:], axis=-1) + SLIDE_FLOOR, "m", "jx", None, who, touch),
         *_frame_findings(plan, touch),
     ]  # fmt: skip
 

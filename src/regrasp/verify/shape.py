@@ -1,0 +1,43 @@
+"""A mesh object's surface and convex parts, as the plan carries them, against the mesh it carries."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from regrasp.scene.triangles import Triangles
+from regrasp.scene.world import World
+from regrasp.verify.findings import Finding
+
+Array = NDArray[np.float64]
+
+CREASE = 5e-4
+"""How far the surface may stand out of the mesh, m: it rounds off creases, as far as no tip gets."""
+COVER = 1e-3
+"""How far the parts may leave the surface uncovered, m."""
+
+
+def shape_findings(world: World) -> list[Finding]:
+    """The surface lies within the mesh, of which it is the opening, and the parts that collide cover it."""
+    matter = world.matter
+    if matter.skin is None or matter.mesh is None:
+        return []
+    vertices = matter.skin.vertices
+    triangles = Triangles(matter.mesh.vertices, matter.mesh.faces, 0.01 * float(np.ptp(vertices)))
+    away, foot = triangles.nearest(vertices)
+    out = np.where(np.sum((vertices - foot) * matter.skin.normals, axis=1) > 0.0, away, 0.0)
+    bare = np.full(len(vertices), np.inf)
+    for part in matter.parts:
+        planes = ConvexHull(part.vertices + part.p_OP).equations
+        bare = np.minimum(bare, np.max(vertices @ planes[:, :3].T + planes[:, 3], axis=1) - part.size[3])
+    return [
+        Finding(
+            "surface and mesh", "how far the object's surface stands out of its mesh", float(out.max()), CREASE, "m"
+        ),
+        Finding(
+            "parts and surface",
+            "how far the object's convex parts leave its surface bare",
+            float(bare.max()),
+            COVER,
+            "m",
+        ),
+    ]
