@@ -158,7 +158,7 @@ def test_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
 
 
 def test_typing_error_in_a_built_in_name_suggests_the_nearest() -> None:
-    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: ball-roll"):
+    with pytest.raises(InputError, match=r"no built-in scene 'fig3-pumma' \(fig3-puma3\? legal: allegro-cube"):
         load("fig3-pumma")
 
 

@@ -27,7 +27,7 @@ ALLEGRO_HOME = {
     "index": (0.0, 0.5, 0.8, 0.8),
     "middle": (0.0, 0.5, 0.8, 0.8),
     "ring": (0.0, 0.5, 0.8, 0.8),
-    "thumb": (1.2, 0.5, 0.5, 0.6),
+    "thumb": (1.2, 0.5, 0.3, 0.4),
 }
 
 # A user's model says nothing of speed.
