@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from regrasp.bench import replays
+from regrasp.bench import goals, replays
 from regrasp.bench import scenes as benched
 from regrasp.bench import searches as bench
 from regrasp.planner.outcome import Failure, Outcome
@@ -136,3 +136,18 @@ def executed(plan):
         np.zeros(1), np.zeros(1, int), np.zeros((1, 1)), np.zeros((1, 6)), force, force, rows > 0, rows, rows > 0, (), None,
         1.0, 1.0,
     )  # fmt: skip
+
+
+def test_goals_are_drawn_from_the_whole_range_and_the_same_every_time():
+    drawn = goals.draw(400, np.random.default_rng(0))
+    shifts, turns = (np.array(each) for each in zip(*drawn, strict=True))
+    np.testing.assert_allclose([shifts.min(axis=0), shifts.max(axis=0)], [[-0.02] * 3, [0.02] * 3], atol=5e-4)
+    angles = np.degrees(np.linalg.norm(turns, axis=1))
+    assert 58.0 < angles.max() <= 60.0
+    assert abs(np.mean(angles) - 30.0) < 2.0
+    again = goals.draw(400, np.random.default_rng(0))
+    assert all(np.array_equal(a, b) for pair in zip(drawn, again, strict=True) for a, b in zip(*pair, strict=True))
+    for name in goals.OBJECTS:
+        scene = goals.scene_of(name, *drawn[0])
+        np.testing.assert_allclose(scene.goal.pose.p, np.array(goals.START) + drawn[0][0])
+        assert scene.goal.tolerance.rotation == pytest.approx(np.radians(1.0))

@@ -1,5 +1,6 @@
 """A robot that nobody here built, by a scene file alone: planned, proved, executed by its own drives."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -42,3 +43,14 @@ def test_its_own_servos_move_it(plan: Plan) -> None:
 def test_physics_takes_the_object_to_the_goal(plan: Plan) -> None:
     found = replay(plan)
     assert found.passed, [str(each.failure) for each in found.nominal]
+
+
+@pytest.mark.skipif("MENAGERIE_ROOT" not in os.environ, reason="needs a copy of MuJoCo Menagerie")
+@pytest.mark.parametrize("seed", range(3))
+def test_the_menageries_allegro_hand_is_planned_by_name_and_certified(seed: int) -> None:
+    """Fingers of four joints, tips that are capsules, a palm that floats in its file."""
+    scene = load(str(EXAMPLES / "allegro.yaml"))
+    outcome = plan_scene(scene, seed, read(Settings, scene.planner))
+    assert outcome.plan is not None, str(outcome.failure)
+    certificate = check(outcome.plan)
+    assert certificate.passed, [str(finding) for finding in certificate.refusals]

@@ -5,12 +5,14 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from regrasp.errors import InputError
 from regrasp.kernels import cores
 from regrasp.kernels.chains import forward, jacobian
 from regrasp.kernels.distances import OBJECT, STATIC
 from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.scene.fits import Primitive
 
 
 def pose(rng: np.random.Generator, size: float) -> str:
@@ -173,3 +175,32 @@ def test_a_geom_without_an_owner_is_refused_by_name() -> None:
     model = mujoco.MjModel.from_xml_string(ARM.format(first="shoulder", type="hinge", geom="shell"))
     with pytest.raises(InputError, match=r"joint elbow.*no agent"):
         geoms_from(model, whole([model.geom("tip").id]), [[0, 1]], -1, {})
+
+
+def test_a_mesh_is_the_primitives_that_stand_for_it_where_they_stand_in_it() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        ARM.format(first="shoulder", type="hinge", geom="shell").replace(
+            'mesh="m"/>', 'mesh="m" pos="1 2 3" euler="20 30 40"/>'
+        )
+    )
+    shell, tip = model.geom("shell").id, model.geom("tip").id
+    R = Rotation.random(4, random_state=0).as_matrix()
+    p = np.random.default_rng(0).normal(size=(4, 3))
+    sizes = {"sphere": [0.1, 0, 0], "capsule": [0.1, 0.5, 0], "cylinder": [0.1, 0.5, 0], "box": [0.1, 0.2, 0.3]}
+    made = {shell: tuple(Primitive(k, np.array(s), R[i], p[i]) for i, (k, s) in enumerate(sizes.items()))}
+    parts = [*((shell, i) for i in range(4)), (tip, 0)]
+    joints = [[model.joint(name).id for name in ("base", "shoulder", "elbow")]]
+    geoms = geoms_from(model, parts, joints, -1, made)
+    assert geoms.kind.tolist() == [cores.POINT, cores.SEGMENT, cores.CYLINDER, cores.BOX, cores.POINT]
+    np.testing.assert_allclose(geoms.core[:4, :3], [[0, 0, 0], [0, 0, 0.5], [0.1, 0.1, 0.5], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(geoms.radius, [0.1, 0.1, 0, 0, 0.1])
+    assert geoms.link.tolist() == [1, 1, 1, 1, 2]
+    chains = chains_from(model, joints, [tip])
+    data, q = mujoco.MjData(model), np.array([0.3, -0.4, 0.5])
+    data.qpos[model.jnt_qposadr[joints[0]]] = q
+    mujoco.mj_kinematics(model, data)
+    R_WL, p_WL = frames(chains, 0, q)
+    R_WG, p_WG = data.geom_xmat[shell].reshape(3, 3), data.geom_xpos[shell]
+    for i in range(4):
+        np.testing.assert_allclose(R_WL[1] @ geoms.R_LG[i], R_WG @ R[i], atol=1e-12)
+        np.testing.assert_allclose(R_WL[1] @ geoms.p_LG[i] + p_WL[1], R_WG @ p[i] + p_WG, atol=1e-12)

@@ -129,18 +129,37 @@ def test_points_off_the_surface_are_taken_to_it() -> None:
 
 
 def test_a_grasp_given_by_joints_has_these_joints() -> None:
-    """Off by less than a millimetre it is settled onto the surface; further off it is refused, with the distance."""
+    """Too far from the object it is refused, with the distance."""
     auto = arc("fig3-puma3")
     q = [auto.grasp.q[auto.joints(i)] for i in range(3)]
     _, grasp = given([{"agent": n, "joints": row.tolist()} for n, row in zip(auto.task.names, q, strict=True)])
     assert not isinstance(grasp, Failure)
     np.testing.assert_allclose(grasp.q, auto.grasp.q, atol=1e-5)
     np.testing.assert_allclose(grasp.p_OC, auto.grasp.p_OC, atol=1e-6)
-    q[1] = q[1] + [0, 0.1, 0, 0, 0, 0]
+    q[1] = q[1] + [0, 0.6, 0, 0, 0, 0]
     _, refused = given([{"agent": n, "joints": row.tolist()} for n, row in zip(auto.task.names, q, strict=True)])
     assert isinstance(refused, Failure)
     assert (refused.constraint, refused.agent) == ("grasp", auto.task.names[1])
     assert "mm" in refused.reason
+
+
+def test_joints_that_bring_a_tip_near_are_completed_to_a_contact() -> None:
+    """At the nearest point of the ellipsoid to the tip's centre, pointing as the joints have it."""
+    auto = arc("fig3-puma3")
+    q = [auto.grasp.q[auto.joints(i)].copy() for i in range(3)]
+    q[1] -= [0, 0.05, 0, 0, 0, 0]
+    a, grasp = given([{"agent": n, "joints": row.tolist()} for n, row in zip(auto.task.names, q, strict=True)])
+    assert not isinstance(grasp, Failure)
+    R, p = a.path.R_WO[0, 0], a.path.p_WO[0, 0]
+    R_WL, p_WL = np.empty((7, 3, 3)), np.empty((7, 3))
+    forward(a.hand.chains, 1, q[1], R_WL, p_WL)
+    away = R.T @ (p_WL[6] - p) - grasp.p_OC[1]
+    assert np.linalg.norm(away) - a.hand.size_T[1, 0] > 5e-3
+    gradient = grasp.p_OC[1] / a.hand.size_O[:3] ** 2
+    np.testing.assert_allclose(np.cross(away, gradient) / np.linalg.norm(gradient), 0.0, atol=1e-7)
+    pointed = R_WL[6] @ a.hand.axis_T[1]
+    forward(a.hand.chains, 1, grasp.q[a.joints(1)], R_WL, p_WL)
+    np.testing.assert_allclose(R_WL[6] @ a.hand.axis_T[1], pointed, atol=1e-6)
 
 
 def test_an_unreachable_point_names_its_agent() -> None:

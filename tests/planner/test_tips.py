@@ -159,6 +159,22 @@ def test_a_mesh_is_followed_like_the_body_that_it_is_of() -> None:
         np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-4)
 
 
+@pytest.mark.parametrize("name", TIPS)
+def test_the_contact_frame_stays_one(name: str) -> None:
+    """Fingers of few joints settle after each step, which moves the contact a little: its tangent goes along."""
+    a = mixed(name)
+    m, starts = a.path.R_WO.shape[1] - 1, a.hand.chains.start
+    for i in np.flatnonzero(a.grasp.holds):
+        joints = slice(starts[i], starts[i + 1])
+        for command in a.terms.commands[: SLIDE_MINUS_Y + 1]:
+            p, p_T, x, n_O = (np.zeros((m + 1, 3)) for _ in range(4))
+            R, q = np.zeros((m + 1, 3, 3)), np.zeros((m + 1, joints.stop - joints.start))
+            p[0], p_T[0], R[0], q[0] = a.grasp.p_OC[i], a.grasp.p_TC[i], a.grasp.R_OT[i], a.grasp.q[joints]
+            trace_contact(a.hand, a.path, command, np.int64(0), np.int64(i), p, p_T, R, x, q, n_O)
+            np.testing.assert_allclose(np.sum(x * n_O, axis=1), 0.0, atol=1e-9)
+            np.testing.assert_allclose(np.linalg.norm(x, axis=1), 1.0, atol=1e-12)
+
+
 def test_a_ball_that_touches_two_sides_of_a_waist_does_not_fit() -> None:
     r, apart, tip = 0.02, 0.015, 0.01
 

@@ -75,6 +75,16 @@ def test_a_sound_hand_has_nothing_and_its_chains_end_in_its_tips(make: Make, tmp
             "note",
             "with impratio=1, noslip_iterations=0 a grasp",
         ),
+        (
+            {"more": '<equality><joint joint1="l1" joint2="l2"/></equality>'},
+            "warning",
+            "'l1' and 'l2': bound by an equality",
+        ),
+        (
+            {"more": '<tendon><fixed><joint joint="l1" coef="1"/></fixed></tendon>'},
+            "warning",
+            "model: 1 tendons are ignored",
+        ),
         ({"kind": "mesh", "mesh": 'mesh="m"', "m": "10"}, "error", "body 'ltip': a geom is"),
     ],
 )

@@ -88,3 +88,16 @@ def _vertices(model: mujoco.MjModel, geom: int) -> np.ndarray:
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, model.geom_quat[geom])
     return model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ R.reshape(3, 3).T + model.geom_pos[geom]
+
+
+@pytest.mark.parametrize(("x", "y", "z"), [(0.008, 0.008, 0.03), (0.02, 0.02, 0.02)])
+def test_an_end_that_is_no_sphere_is_said_to_be_rough(tmp_path: Path, x: float, y: float, z: float) -> None:
+    corners = " ".join(f"{a * x} {b * y} {c * z}" for a in (-1, 1) for b in (-1, 1) for c in (-1, 1))
+    text = f"""<mujoco><asset><mesh name="m" vertex="{corners}"/></asset><worldbody><body name="pad">
+      <joint name="j" axis="0 1 0"/><geom type="mesh" mesh="m" pos="0 0 0.1"/></body></worldbody></mujoco>"""
+    made = world(tmp_path, text, "pad")
+    (said,) = made.repairs
+    assert said.endswith("; better give its shape in the scene")
+    tip = made.agents[0].tip_geom
+    top = made.model.geom_pos[tip][2] + made.model.geom_size[tip, 0]
+    assert top == pytest.approx(0.1 + z, abs=1e-5)

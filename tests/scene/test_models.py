@@ -17,6 +17,7 @@ CLAW = Path(__file__).parents[2] / "examples" / "claw" / "claw.urdf"
 LINK = """<link name="{name}"><collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>{more}</link>"""
 JOINT = """<joint name="{name}" type="{type}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>
 <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="{effort}" velocity="{speed}"/></joint>"""
+BALL = '<sphere radius="0.02"/>'
 BOX = '<box size="0.02 0.02 0.1"/>'
 VERTICES = np.array([[x, y, z] for x in (-0.01, 0.01) for y in (-0.02, 0.02) for z in (0.0, 0.08)])
 
@@ -115,7 +116,7 @@ def test_a_mesh_that_mujoco_does_not_read_is_converted(tmp_path: Path, suffix: s
     (tmp_path / f"hand.{suffix}").write_bytes(content.encode() if isinstance(content, str) else content)
     found = read(tmp_path / "r.urdf", robot(mesh(f"hand.{suffix}")))
     np.testing.assert_allclose(extents(found), [0.02, 0.04, 0.08], atol=1e-6)
-    (said,) = found.repairs
+    said = found.repairs[0]
     assert re.fullmatch(
         rf"mesh 'hand.{suffix}' is a (text|{suffix} file), which MuJoCo does not read: made binary STL", said
     )
@@ -132,11 +133,29 @@ def test_a_dae_in_other_units_is_as_large_as_it_says(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("inertial", "said"),
+    [
+        ("", ["link 'hand' has no mass: that of its collision geometry at 1000 kg/m³"]),
+        ('<inertial><mass value="0.1"/></inertial>', ["body 'hand' has no inertia: given 1e-06 kg m²"]),
+        ('<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="nan"/></inertial>', ["body 'hand' has principal"]),
+        ('<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>', []),
+    ],
+)
+def test_what_is_missing_of_a_mass_is_made_up_and_told(tmp_path: Path, inertial: str, said: list[str]) -> None:
+    found = read(tmp_path / "r.urdf", robot(BALL, inertial))
+    of_hand = [each for each in found.repairs if "'hand'" in each]
+    assert [each.startswith(start) for each, start in zip(of_hand, said, strict=True)] == [True] * len(said)
+    assert found.spec.compile().body("hand").mass[0] == pytest.approx(
+        0.1 if inertial else 1000 * 4 / 3 * np.pi * 0.02**3
+    )
+
+
 def test_a_picture_that_is_missing_or_broken_is_left_out_and_a_body_is_not(tmp_path: Path) -> None:
     (tmp_path / "broken.glb").write_bytes(b"no mesh")
     for uri, why in (("package://x/none.stl", "is not found"), ("broken.glb", "cannot be read")):
         found = read(tmp_path / "r.urdf", robot(BOX, f"<visual><geometry>{mesh(uri)}</geometry></visual>"))
-        (said,) = found.repairs
+        said = found.repairs[0]
         assert said.startswith(f"mesh {uri!r} {why}")
         assert said.endswith("left out, it is for the eye only")
         np.testing.assert_allclose(extents(found), [0.02, 0.02, 0.1])
@@ -190,32 +209,60 @@ def world(file: Path, text: str, **agent: object) -> World:
 
 
 def test_speeds_come_from_the_urdf_unless_the_scene_says_them_and_outlive_it(tmp_path: Path) -> None:
-    made = world(tmp_path / "r.urdf", robot(speed=1.25))
+    made = world(tmp_path / "r.urdf", robot(BALL, speed=1.25))
     again = from_plan(made.scene.model_dump(mode="json"), made.xml, made.assets)
     for each in (made, again):
         assert each.agents[0].speed.tolist() == [3.0, 1.25]
-    assert world(tmp_path / "r.urdf", robot(speed=0.0)).agents[0].speed.tolist() == [3.0, 2.0]
-    assert world(tmp_path / "r.urdf", robot(), speed=0.5).agents[0].speed.tolist() == [0.5, 0.5]
+    assert world(tmp_path / "r.urdf", robot(BALL, speed=0.0)).agents[0].speed.tolist() == [3.0, 2.0]
+    assert world(tmp_path / "r.urdf", robot(BALL), speed=0.5).agents[0].speed.tolist() == [0.5, 0.5]
 
 
 def test_repairs_outlive_the_file(tmp_path: Path) -> None:
-    text = robot(
-        BOX, f"<visual><geometry>{mesh('<none> & co.stl'.replace('<', '(').replace('&', 'and'))}</geometry></visual>"
-    )
+    text = robot(BALL, f"<visual><geometry>{mesh('skin &amp; bone.stl')}</geometry></visual>")
     made = world(tmp_path / "r.urdf", text)
     again = from_plan(made.scene.model_dump(mode="json"), made.xml, made.assets)
     assert made.repairs == again.repairs
-    assert any("left out" in said for said in made.repairs)
+    assert "mesh 'skin & bone.stl' is not found: left out, it is for the eye only" in made.repairs
 
 
 def test_neighbours_that_overlap_at_rest_never_collide_and_others_do(tmp_path: Path) -> None:
     """The arm stands in the sphere of the base, the hand is clear of it at rest."""
-    made = world(tmp_path / "r.urdf", robot())
+    made = world(tmp_path / "r.urdf", robot(BALL))
     (said,) = [said for said in made.repairs if "never collide" in said]
     assert re.fullmatch(r"bodies 'base' and 'arm', neighbours, overlap by \d+\.\d mm at rest: never collide", said)
     pairs = {frozenset(made.model.body(made.model.geom_bodyid[g]).name for g in pair) for pair in made.collision_pairs}
     assert frozenset(("robot/base", "robot/arm")) not in pairs
     assert frozenset(("robot/base", "robot/hand")) in pairs
+
+
+LOOP = """<mujoco><worldbody>
+  <body name="arm"><joint name="turn" axis="0 1 0"/><geom name="tip" size="0.01" pos="0.1 0 0"/></body>
+  <body name="one" pos="0 0.3 0"><joint name="a"/><geom size="0.01"/>
+    <body name="two"><joint name="b"/><geom size="0.01"/></body></body>
+  </worldbody><equality>{}</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("bond", "binds"),
+    [
+        ('<joint joint1="a" joint2="b"/>', ""),
+        ('<connect body1="one" body2="two" anchor="0 0 0"/>', ""),
+        ('<joint joint1="turn" joint2="b"/>', "'turn' and 'b'"),
+        ('<weld body1="two" body2="arm"/>', "'two' and 'arm'"),
+    ],
+)
+def test_a_closed_loop_is_refused_where_it_binds_an_agent(tmp_path: Path, bond: str, binds: str) -> None:
+    (tmp_path / "r.xml").write_text(LOOP.format(bond))
+    pose = {"pose": {"position": [0, 0, 0.3]}}
+    scene = validate({
+        "name": "r", "model": {"file": str(tmp_path / "r.xml")}, "agents": [{"name": "a", "tip": "tip"}],
+        "object": {"shape": "sphere", "size": [0.03], "mass": 0.1}, "start": pose, "goal": pose,
+    })  # fmt: skip
+    if not binds:
+        assert build(scene).model.neq == 0
+        return
+    with pytest.raises(InputError, match=f"model: an equality constraint binds {binds}"):
+        build(scene)
 
 
 def test_a_joint_of_no_agent_rests_where_its_range_is_nearest_to_zero(tmp_path: Path) -> None:

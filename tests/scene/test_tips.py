@@ -136,10 +136,17 @@ def test_a_box_of_ones_own_model_gets_round_edges_where_it_is(arm: Path) -> None
     assert len(agent.tip_geoms) == 15
 
 
+def test_a_box_with_sharp_edges_gets_round_ones_and_that_is_told(arm: Path) -> None:
+    world = build(own(arm, "block"))
+    np.testing.assert_allclose(world.agents[0].tip_size, [0.01, 0.012, 0.008, 0.002], atol=1e-15)
+    assert any("'block' has its edges rounded by 2 mm" in said for said in world.repairs)
+    again = from_plan(world.scene.model_dump(mode="json"), world.xml, world.assets)
+    np.testing.assert_array_equal(again.agents[0].tip_geoms, world.agents[0].tip_geoms)
+
+
 @pytest.mark.parametrize(
     ("tip", "line"),
     [
-        ("block", "agents.0.tip: is a box with sharp edges (contacts roll on smooth surfaces: tip: {geom: block, rounding"),
         ("drum", "agents.0.tip: is a cylinder (legal: sphere, ellipsoid"),
         (EGG | {"body": "claw"}, "agents.0.tip.body: no body 'claw' in the model (legal: upper, hand)"),
         ({"geom": "rod", "rounding": 0.001}, "agents.0.tip.geom: 'rod' is not a box"),

@@ -162,7 +162,7 @@ def short_step(
     hand: Hand, R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, i: int, command: Array, steps: float,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """One step of an agent of fewer than six joints, as the object goes from the pose A to Z (DESIGN: agents of any freedom).
+    """One step of an agent of fewer than six joints, as the object goes from the pose A to Z.
 
     The relative linear velocity is a hard constraint; the commanded relative angular velocity is met in the least-squares
     sense, and the contact evolves by the relative angular velocity actually achieved. Midpoint rule in the joints, then
@@ -171,28 +171,28 @@ def short_step(
     """
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     J = np.empty((6, n_a))
-    n, y, foot = stack(3), stack(3), stack(3)
+    n, x, y, foot = stack(3), stack(3), stack(3), stack(3)
     v, w, r, w_O, dq, got = stack(3), stack(3), stack(3), stack(3), np.empty(n_a), stack(3)
-    turn, shift = stack(3), stack(3)
+    turn, shift, p_TM, R_OM = stack(3), stack(3), stack(3), stack((3, 3))
     step, R_WO, p_W = stack(4), stack((3, 3)), stack(3)
     object_step(R_A, p_A, R_Z, p_Z, turn, shift)
     middle = q.copy()
     defect = 0.0
-    project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
-    for a in range(3):
-        y[a] = n[(a + 1) % 3] * x_O[(a + 2) % 3] - n[(a + 2) % 3] * x_O[(a + 1) % 3]
+    foot[:], x[:], p_TM[:], R_OM[:] = p_OC, x_O, p_TC, R_OT
     for stage in range(2):
         # Object and tip velocity at the contact; stage 0 at the start of the step, stage 1 at its middle.
         forward(hand.chains, i, middle, R_WL, p_WL)
+        project(hand.kind_O, hand.size_O, hand.grids, foot, foot, n)
         u = 0.5 * stage
         for a in range(3):
+            y[a] = n[(a + 1) % 3] * x[(a + 2) % 3] - n[(a + 2) % 3] * x[(a + 1) % 3]
             for b in range(3):
                 R_WO[a, b] = (1.0 - u) * R_A[a, b] + u * R_Z[a, b]
             p_W[a] = p_A[a] + u * shift[a]
         rotate(R_WO, foot, r)
         for a in range(3):
-            w_O[a] = command[0] * x_O[a] + command[1] * y[a]
-            v[a] = command[2] * x_O[a] + command[3] * y[a]
+            w_O[a] = command[0] * x[a] + command[1] * y[a]
+            v[a] = command[2] * x[a] + command[3] * y[a]
         rotate(R_WO, v, v)
         rotate(R_WO, w_O, w)
         for a in range(3):
@@ -201,15 +201,30 @@ def short_step(
             p_W[a] += r[a]
         jacobian(hand.chains, i, R_WL, p_WL, p_W, J)
         defect = rates(J, v, w, dq, got)
+        for a in range(3):
+            got[a] -= turn[a]
+        rotate_back(R_WO, got, w_O)
+        part = 1.0 - 0.5 * (1 - stage)
+        step[0] = part * (w_O[0] * x[0] + w_O[1] * x[1] + w_O[2] * x[2])
+        step[1] = part * (w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2])
+        step[2], step[3] = part * command[2], part * command[3]
         if stage == 0:
+            # Where the tip spins and the surface bends, ω has other parts in the tangents half-way.
+            advance(
+                hand.kind_O,
+                hand.size_O,
+                hand.kind_T[i],
+                hand.size_T[i],
+                hand.grids,
+                step,
+                whole(1),
+                foot,
+                p_TM,
+                R_OM,
+                x,
+            )
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
-    for a in range(3):
-        got[a] -= turn[a]
-    rotate_back(R_WO, got, w_O)
-    step[0] = w_O[0] * x_O[0] + w_O[1] * x_O[1] + w_O[2] * x_O[2]
-    step[1] = w_O[0] * y[0] + w_O[1] * y[1] + w_O[2] * y[2]
-    step[2], step[3] = command[2], command[3]
     kept = roll(hand, i, step, whole(1), p_OC, p_TC, R_OT, x_O)
     quickest, beyond, first = 0.0, 0.0, hand.chains.start[i]
     for a in range(n_a):
@@ -238,6 +253,14 @@ def short_step(
             residual, _ = inverse_point(hand.chains, i, p_WT, w, w, q, R_WL, p_WL)
             multiply_back(R_Z, R_WL[n_a], R_OT)
         kept = kept and agree
+        # Settling moved the contact a little; its frame goes along.
+        project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
+        along, length = n[0] * x_O[0] + n[1] * x_O[1] + n[2] * x_O[2], 0.0
+        for a in range(3):
+            x_O[a] -= along * n[a]
+            length += x_O[a] ** 2
+        for a in range(3):
+            x_O[a] /= np.sqrt(length)
     settled = 0.0
     for a in range(n_a):
         settled = max(settled, abs(q[a] - middle[a]))

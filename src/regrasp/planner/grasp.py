@@ -27,6 +27,7 @@ from regrasp.planner.tips import tip_gap, under
 from regrasp.scene.schema import Contact
 
 Array = NDArray[np.float64]
+NEAR = 0.03  # m from the object, to which joints given for a grasp bring a tip at least
 OUT = -1  # the choice of an agent that stays off
 MORE = 3  # times as many restarts where agents have few joints: most contacts leave their reach on the way
 PROMISING = 20  # candidates of such an agent among which random choices are drawn, those that tie included
@@ -90,7 +91,11 @@ def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array,
 
 
 def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
-    """The scene's own start contacts: points on the object are reached by inverse kinematics from the rest posture."""
+    """The scene's own start contacts, points on the object or joints.
+
+    Points are reached by inverse kinematics from the rest posture. Joints bring the tip near: it goes on, pointing as it does,
+    to the nearest point of the object.
+    """
     R_WO, p_WO = path.R_WO[0, 0], path.p_WO[0, 0]
     found: dict[int, tuple[Array, Array, Array]] = {}
     for contact in contacts:
@@ -105,10 +110,10 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
             gap = tip_gap(hand, i, R_WO.T @ R_WL[last - first], centre, foot, n)
-            if abs(gap) > 1e-3:
+            if abs(gap) > NEAR:
                 return Failure(
-                    "grasp", "start.grasp", contact.agent, f"its tip is {1e3 * gap:.1f} mm from the object's surface",
-                    "joints that touch within 1 mm, or give the contact's point",
+                    "grasp", "start.grasp", contact.agent, f"its tip is {1e3 * gap:.0f} mm from the object's surface",
+                    f"joints that bring it within {1e3 * NEAR:.0f} mm, or the point where it shall touch",
                 )  # fmt: skip
             direction = R_WO.T @ R_WL[last - first] @ hand.axis_T[i]
         else:
@@ -318,11 +323,12 @@ def nothing_ahead(agents: int, candidates: int, geoms: int) -> Ahead:
 
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
-    settings: GraspSearch, rng: np.random.Generator,
+    settings: GraspSearch, rng: np.random.Generator, holding: Grasp | None = None,
 ) -> tuple[Stance, ...] | Failure:  # fmt: skip
-    """Start grasps (`auto`) on candidates of the scan, what each restart leads to, the one of the least cost first.
+    """Grasps on candidates of the scan, what each restart leads to, the one of the least cost first.
 
-    All agents hold that are not off; where supports carry the object, as many as it costs least.
+    All agents hold that are not off; where supports carry the object, as many as it costs least. holding: the grasp at hand,
+    in whose way nobody may stand; else those who are off are at rest.
     """
     k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     agents = np.array([i for i in range(k) if i not in off], np.int64)
@@ -347,10 +353,12 @@ def find_grasp(
     for i in range(k):
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
-        forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
+        forward(hand.chains, i, (hand.home if holding is None else holding.q)[first:last], R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
     own = object_row(hand)
     for i in off:
+        if holding is not None and holding.holds[i]:
+            continue
         if (
             hits(hand, i, k, rest_R[i], rest_p[i], R_WB[0], p_WB[0], 0.0)
             or hits(hand, i, k + 1, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)

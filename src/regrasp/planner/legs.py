@@ -1,11 +1,13 @@
 """One leg of the route (Fig. 1): who holds the object along it, and with which contact motions.
 
 The simplest first: fingers that can keep their contacts keep them. Where they can't and the object rests on supports, all may
-take hold anew. Only what is left is searched by annealing (paper §4).
+take hold anew; in the air those who hold it may hand it over to others who are off. Only what is left is searched by annealing
+(paper §4).
 """
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,12 +88,12 @@ def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
     return nominal_path(R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports)
 
 
-def stances_for(task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...]) -> tuple[Stance, ...] | Failure:
+def stances_for(
+    task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None
+) -> tuple[Stance, ...] | Failure:
     """Grasps at the start of a path, those first with which the agents can probably stay in contact along it."""
-    scan = new_scan(task.hand, path, task.settings.local.relocation)
-    return find_grasp(
-        task.hand, path, scan, terms_of(task.hand, task.settings.local), off, task.names, task.settings.grasp, rng
-    )
+    scan, terms = new_scan(task.hand, path, task.settings.local.relocation), terms_of(task.hand, task.settings.local)
+    return find_grasp(task.hand, path, scan, terms, off, task.names, task.settings.grasp, rng, holding)
 
 
 def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[Segment, Grasp] | Failure:
@@ -131,6 +133,7 @@ def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) 
     """The change of grasp at a subgoal: while the object rests on its supports, every agent may go where it is wanted.
 
     One after another, straight onto its new contact or after all have let go, in the first order that is free of collisions.
+    In the air all take hold before any lets go.
     """
     k, there = len(task.names), stance.candidates
     held = [i for i in range(k) if grasp.holds[i]]
@@ -138,24 +141,43 @@ def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) 
     here = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16)
     paths: dict[int, Path] = {}  # by the number of steps
     last: Failure | None = None
-    for order in itertools.islice(itertools.permutations(range(k)), ORDERS):
-        off = [(i, OFF) for i in order if i in held]
-        onto = [(i, ONTO + there[i]) for i in order if i in wanted]
-        leave = [(i, OFF) for i in order if i in held and i not in wanted]
-        for steps in (leave + onto, off + onto):
-            V, now = np.empty((len(steps), k), np.int16), here.copy()
-            for j, (i, code) in enumerate(steps):
-                V[j] = now
-                V[j, i] = code
-                now[i] = OFF if code == OFF else STAY
-            if len(steps) not in paths:
-                paths[len(steps)] = rest_at(task, pose, len(steps))
-            made = moved(task, paths[len(steps)], grasp, V, stage)
-            if not isinstance(made, Failure):
-                return made
-            last = made
+    for steps in changes(task, pose, held, wanted, there):
+        V, now = np.empty((len(steps), k), np.int16), here.copy()
+        for j, (i, code) in enumerate(steps):
+            V[j] = now
+            V[j, i] = code
+            now[i] = OFF if code == OFF else STAY
+        if len(steps) not in paths:
+            paths[len(steps)] = rest_at(task, pose, len(steps))
+        made = moved(task, paths[len(steps)], grasp, V, stage)
+        if not isinstance(made, Failure):
+            return made
+        last = made
     assert last is not None
     return last
+
+
+def changes(
+    task: Task, pose: Pose, held: list[int], wanted: list[int], there: NDArray[np.int64]
+) -> Iterator[list[tuple[int, int]]]:
+    """The orders in which agents may let go and take hold, each as (agent, code) step by step."""
+
+    def onto(order: tuple[int, ...]) -> list[tuple[int, int]]:
+        return [(i, ONTO + int(there[i])) for i in order if i in wanted]
+
+    if task.router.rests(pose):
+        for order in itertools.islice(itertools.permutations(range(len(there))), ORDERS):
+            leave = [(i, OFF) for i in order if i in held and i not in wanted]
+            yield leave + onto(order)
+            yield [(i, OFF) for i in order if i in held] + onto(order)
+        return
+    freed = [i for i in held if i not in wanted]
+    for arrive, part in itertools.product(*map(_some_orders, (wanted, freed))):
+        yield onto(arrive) + [(i, OFF) for i in part]
+
+
+def _some_orders(agents: list[int]) -> list[tuple[int, ...]]:
+    return list(itertools.islice(itertools.permutations(agents), ORDERS))
 
 
 def plan_leg(
@@ -184,12 +206,14 @@ def without_search(
 ) -> Planned | Failure:  # fmt: skip
     """The first of the arcs with contacts that stay, from the grasp at hand, or a new one where the object rests.
 
-    Where that fails, half of the arc, and from there the other half. A Planned with a failure has taken hold anew, but can't
-    keep those contacts.
+    In the air agents that are off may take over, if there are enough of them. Where that fails, half of the arc, and from there
+    the other half. A Planned with a failure has taken hold anew, but can't keep those contacts.
     """
     stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
     carried, short = whole.support_mode.shape[1] > 0, bool(np.any(np.diff(task.hand.chains.start) < 6))
     off = task.off if first == 0 else ()
+    idle = len(off) if grasp is None else int(np.sum(grasp.holds == 0))
+    others = idle >= task.hand.needed  # enough to hold the object by themselves
     failed: Planned | Failure | None = None
     if grasp is not None:
         made = stay(task, whole, grasp, stage)
@@ -202,7 +226,7 @@ def without_search(
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances if short else stances[: STANCES if carried else 1]:
+            for stance in stances if short else stances[: STANCES if carried or others else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held
@@ -210,7 +234,14 @@ def without_search(
                     failed = held
                 if clock.up():
                     return failed
-    if halvings > 0 and not clock.up() and len(whole.R_WO) >= SHORTEST and task.router.rests(arcs[0].pose(0.5)):
+    if grasp is not None and others and not carried:
+        passed = handed_over(task, arcs[0], whole, grasp, rng, stage)
+        if isinstance(passed, Planned) and passed.failure is None:
+            return passed
+        if clock.up():
+            return failed or passed
+    room = others or task.router.rests(arcs[0].pose(0.5))
+    if halvings > 0 and not clock.up() and len(whole.R_WO) >= SHORTEST and room:
         one, two = arcs[0].halves()
         there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, clock, halvings - 1)
         if isinstance(there, Planned) and there.failure is None:
@@ -235,6 +266,21 @@ def taken(task: Task, arc: Arc, whole: Path, grasp: Grasp | None, stance: Stance
     if isinstance(made, Failure):
         return Planned(before, now, TOOK_HOLD, made)
     return Planned([*before, made[0]], made[1], TOOK_HOLD, None)
+
+
+def handed_over(
+    task: Task, arc: Arc, whole: Path, grasp: Grasp, rng: np.random.Generator, stage: str
+) -> Planned | Failure:  # fmt: skip
+    """The arc held by agents that are off: they take hold before it, and those who held the object let go."""
+    stances = stances_for(task, whole, rng, tuple(np.flatnonzero(grasp.holds).tolist()), grasp)
+    if isinstance(stances, Failure):
+        return stances
+    passed = taken(task, arc, whole, grasp, stances[0], stage)
+    for stance in stances[1:]:
+        if isinstance(passed, Planned) and passed.failure is None:
+            break
+        passed = taken(task, arc, whole, grasp, stance, stage)
+    return passed
 
 
 def annealed(

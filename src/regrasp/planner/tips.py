@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 from regrasp.kernels.contact import OK, contact_rates
 from regrasp.kernels.gaps import gap
 from regrasp.kernels.gauss import support_point
-from regrasp.kernels.rotations import multiply_back, rotate, rotate_back
+from regrasp.kernels.rotations import multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import CAPSULE, ELLIPSOID, MESH, SPHERE
 from regrasp.planner.hand import Hand
 
 Array = NDArray[np.float64]
 
+RUNS = 1.0  # m per rad: a contact that runs faster as the tip turns is one of faces that are all but flat
 CUT = 1e-5  # m: a tip that is deeper in the object somewhere else than at its contact does not fit there
 
 
@@ -76,15 +77,35 @@ def fits(hand: Hand, i: int, p_OC: Array, p_TC: Array, R_OT: Array) -> bool:
 
 @njit(cache=True, nogil=True)
 def touches_in_a_point(hand: Hand, i: int, p_OC: Array, p_TC: Array, R_OT: Array) -> bool:
-    """Whether agent i's contact is one that can move, and the only one: no line, no face, no second point."""
+    """Whether agent i's contact is one that can move, and the only one: no line, no face, no second point.
+
+    The faces of a mesh are flat but for the errors of its grid: a contact that runs off when the tip turns lies on one.
+    """
     if plain(hand, i):
         return True
-    still, pdot, cdot = stack(3), stack(3), stack(3)
-    still[0] = still[1] = still[2] = 0.0
-    status = contact_rates(
-        hand.kind_O, hand.size_O, hand.kind_T[i], hand.size_T[i], hand.grids, p_OC, p_TC, R_OT, still, still, pdot, cdot
-    )
-    return status == OK and fits(hand, i, p_OC, p_TC, R_OT)
+    w_O, still, pdot, cdot = stack(3), stack(3), stack(3), stack(3)
+    for x in range(3):
+        w_O[x] = still[x] = 0.0
+    for x in range(3):
+        w_O[x] = 1.0
+        status = contact_rates(
+            hand.kind_O,
+            hand.size_O,
+            hand.kind_T[i],
+            hand.size_T[i],
+            hand.grids,
+            p_OC,
+            p_TC,
+            R_OT,
+            w_O,
+            still,
+            pdot,
+            cdot,
+        )
+        if status != OK or norm(pdot) > RUNS:
+            return False
+        w_O[x] = 0.0
+    return fits(hand, i, p_OC, p_TC, R_OT)
 
 
 def sharpest(kind: int, size: Array) -> float:

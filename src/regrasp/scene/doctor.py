@@ -96,8 +96,13 @@ def _of_robot(robot: Robot) -> Iterator[Symptom]:
     yield from _of_joints(model)
     yield from _of_sizes(model)
     for equality in robot.spec.equalities:
-        what = f"equality constraint {equality.name or equality.type.name.removeprefix('mjEQ_').lower()!r}"
-        yield Symptom("error", "model", what, "agents are open chains of hinges and slides")
+        who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
+        yield Symptom(
+            "warning", who, "bound by an equality constraint: not to be in an agent's chain", "free joints there"
+        )
+    if robot.spec.tendons:
+        what = f"{len(robot.spec.tendons)} tendons are ignored: what they couple moves freely in a plan"
+        yield Symptom("warning", "model", what, "agents whose joints no tendon couples")
     option = model.opt
     weak = [
         word

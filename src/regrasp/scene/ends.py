@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 FURTHEST = 0.98
 """Corners so far from the last joint, as a part of the furthest's distance, show where a mesh's outer end is."""
+ROUGH = 0.2
+"""Part of its radius by which a sphere may miss the end that it stands for."""
 CUT = 0.3
 """Radii behind the tip sphere's centre from which on the rest of its mesh is a body of its own: contacts on the sphere's
 front half have room beside it."""
@@ -83,10 +85,9 @@ def _rounded(robot: mujoco.MjSpec, tip: mujoco.MjsGeom) -> list[str]:
         body.add_geom(name=f"{name}/rest", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, **solid)
     tip.name, tip.contype, tip.conaffinity = f"{name}/mesh", 0, 0
     body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **solid)
-    return [
-        f"tip {name!r} is a mesh: its end counts as a sphere of radius {1e3 * radius:.1f} mm, "
-        f"from which it is {1e3 * error:.2g} mm at most"
-    ]
+    said = f"tip {name!r} is a mesh: its end counts as a sphere of radius {1e3 * radius:.1f} mm"
+    rough = "; better give its shape in the scene" if error > ROUGH * radius else ""
+    return [f"{said}, from which it is {1e3 * error:.2g} mm at most{rough}"]
 
 
 def _reach(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

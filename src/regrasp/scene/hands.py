@@ -43,13 +43,12 @@ MECHANISMS: dict[type[BuiltIn], Mechanism] = {
 class Finger:
     """What a hand says of one agent: the name of its tip geom in the world, its rest posture and its joint speeds.
 
-    Of a robot of one's own, whose file says the rest, both may be None. pieces: all geoms that the tip is made of.
+    Of a robot of one's own, whose file says the rest, both may be None.
     """
 
     tip: str
     home: Array | None
     speed: Array | None
-    pieces: tuple[str, ...] = ()
 
 
 def fingers(scene: Scene) -> tuple[Finger, ...]:
@@ -61,7 +60,7 @@ def fingers(scene: Scene) -> tuple[Finger, ...]:
         finger = _finger(scene, name)
         home = finger.home if spec is None or spec.home is None else np.array(spec.home)
         speed = finger.speed if spec is None or spec.speed is None else np.array(spec.speed)
-        found.append(Finger(finger.tip, home, speed, tips.names(finger.tip, spec.tip if spec else None)))
+        found.append(Finger(finger.tip, home, speed))
     return tuple(found)
 
 

@@ -44,7 +44,7 @@ def read_file(path: Path, packages: Mapping[str, str]) -> Robot:
     if is_urdf(path):
         found = urdf.read(path, packages)
         spec, speeds = found.spec, found.speeds
-        said = assets.embed(spec, lambda name, _: found.files.get(name), found.uris.__getitem__)
+        said = assets.embed(spec, lambda name, _: found.files.get(name), found.uris.__getitem__) + list(found.said)
     else:
         try:
             spec = mujoco.MjSpec.from_file(str(path))

@@ -28,16 +28,16 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
     """
     found = models.read(model)
     robot, repairs = found.spec, list(found.repairs)
-    if robot.equalities:
-        raise InputError("model", "the model has equality constraints", "agents are open chains of hinges and slides")
     for i, agent in enumerate(scene.agents):
         if isinstance(agent.tip, Tip):
             repairs += tips.give(robot, f"agents.{i}.tip", agent.tip_name, agent.tip)
         else:
             repairs += ends.prepare(robot, f"agents.{i}.tip", agent.tip_name)
+            repairs += tips.smooth(robot, f"agents.{i}.tip", agent.tip_name)
     robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
     moving = [joint for chain in chains for joint in chain]
+    _require_open(robot, moving)
     _strip(robot, moving)
     repairs += _part_neighbours(robot, _home(robot, chains, scene))
     for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
@@ -92,6 +92,29 @@ def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
             raise InputError(field, f"no joint moves {agent.tip_name!r}", "the tip is at the end of a chain of joints")
         chains.append(joints[::-1])
     return chains
+
+
+def _require_open(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
+    """Drops the equality constraints that bind no agent; raises InputError for one that does."""
+    joints = {joint.name for joint in moving}
+    driven = {joint.parent.id for joint in moving}
+    bodies = set()
+    for body in robot.bodies[1:]:
+        above = body
+        while above.id != 0 and above.id not in driven:
+            above = above.parent
+        if above.id != 0:
+            bodies.add(body.name)
+    for equality in list(robot.equalities):
+        ends = {equality.name1, equality.name2}
+        couples = equality.type == mujoco.mjtEq.mjEQ_JOINT
+        closes = equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+        on_bodies = equality.objtype == mujoco.mjtObj.mjOBJ_BODY
+        if not ((couples and not ends & joints) or (closes and on_bodies and not ends & bodies)):
+            who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
+            hint = "agents are open chains of hinges and slides, each joint free of the others"
+            raise InputError("model", f"an equality constraint binds {who}", hint)
+        robot.delete(equality)
 
 
 def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:

@@ -1,5 +1,7 @@
 """Fingertips: their shapes as surfaces, and those that a scene gives in place of what its robot has."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ Ids = NDArray[np.int64]
 
 DENSITY = 1000.0
 """Of a tip that a scene gives, kg/m³: water's."""
+ROUNDING = 0.002
+"""m, of the edges of a box for which a scene gives none: contacts roll on smooth surfaces only."""
 PIECES = 15
 """Geoms of a box with rounded edges, see `solids`: the first three are boxes, the others capsules."""
 SURFACES = {
@@ -24,10 +28,10 @@ SURFACES = {
 }
 
 
-def names(tip: str, spec: str | Tip | None) -> tuple[str, ...]:
-    """The geoms that the tip called `tip` is made of, the first of which has its frame."""
-    rounded = isinstance(spec, Tip) and spec.rounding > 0.0
-    return (tip, *(f"{tip}/{i}" for i in range(1, PIECES))) if rounded else (tip,)
+def names(tip: str, has: Callable[[str], bool]) -> tuple[str, ...]:
+    """The geoms that the tip called `tip` is made of, the first of which has its frame; has: whether there is such a geom."""
+    others = tuple(f"{tip}/{i}" for i in range(1, PIECES))
+    return (tip, *others) if all(map(has, others)) else (tip,)
 
 
 def surface(model: mujoco.MjModel, geoms: Ids, field: str) -> tuple[int, Array]:
@@ -39,13 +43,9 @@ def surface(model: mujoco.MjModel, geoms: Ids, field: str) -> tuple[int, Array]:
     if len(geoms) == PIECES:
         outer, rounding = model.geom_size[geoms[:3]].max(axis=0), float(model.geom_size[geoms[3], 0])
         return solids.KINDS.index("box"), np.append(outer, rounding)
-    if first == mujoco.mjtGeom.mjGEOM_BOX:
-        name = model.geom(int(geoms[0])).name.split("/", 1)[-1]
-        hint = f"contacts roll on smooth surfaces: tip: {{geom: {name}, rounding: 0.002}}"
-        raise InputError(field, "is a box with sharp edges", hint)
     if first not in SURFACES:
         shape = first.name.removeprefix("mjGEOM_").lower()
-        raise InputError(field, f"is a {shape}", "legal: sphere, ellipsoid, capsule, box with a rounding")
+        raise InputError(field, f"is a {shape}", "legal: sphere, ellipsoid, capsule, box")
     count = {"sphere": 1, "ellipsoid": 3, "capsule": 2}[SURFACES[first]]
     size = np.zeros(4)
     size[:count] = model.geom_size[geoms[0], :count]
@@ -85,6 +85,14 @@ def give(robot: mujoco.MjSpec, field: str, name: str, tip: Tip) -> list[str]:
         )
     reshape(robot, tip.geom, Tip(shape="box", size=tuple(box.size.tolist()), rounding=tip.rounding))
     return [*said, f"tip {tip.geom!r} has its edges rounded by {1e3 * tip.rounding:g} mm"]
+
+
+def smooth(robot: mujoco.MjSpec, field: str, name: str) -> list[str]:
+    """Rounds the edges of the tip `name` of a robot of one's own where it is a box; what was done in words."""
+    box = robot.geom(name)
+    if box.type != mujoco.mjtGeom.mjGEOM_BOX:
+        return []
+    return give(robot, field, name, Tip(geom=name, rounding=min(ROUNDING, 0.25 * min(box.size))))
 
 
 def _add(

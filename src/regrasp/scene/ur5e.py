@@ -39,7 +39,7 @@ ARMATURE = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.1])  # kg m²
 DAMPING = np.array([5.0, 5.0, 5.0, 1.0, 1.0, 1.0])  # N m s/rad
 
 UPPER_ARM, FOREARM = CENTRE[1, 2], CENTRE[2, 2]  # m along joint 2's axis, in which the tubes stand beside the shoulder
-TOOL_RADIUS = 0.02
+TOOL = 0.7  # of the tip's radius: the radius of the tool
 
 # Body i − 1 of the chain has D-H frame i − 1 turned by joint i: capsules there, ends in m, and their radius.
 _CAPSULES = (
@@ -54,8 +54,8 @@ _CAPSULES = (
     (),
 )
 
-# The arm raised, forearm level, the tool level and pointing ahead.
-HOME = np.radians([0.0, -110.0, 110.0, 0.0, 90.0, 0.0])
+# The arm drawn back, the tool level and pointing ahead.
+HOME = np.radians([0.0, -125.0, 140.0, -15.0, 90.0, 0.0])
 
 
 def attach(base: mujoco.MjsBody, name: str, tool_length: float, tip_radius: float) -> None:
@@ -81,7 +81,7 @@ def attach(base: mujoco.MjsBody, name: str, tool_length: float, tip_radius: floa
             capsule(body, geom, np.array(start), np.array(end), radius)
         _weigh(body, i)
     point = np.array([0.0, 0.0, D[5] + tool_length])
-    capsule(body, f"{name}/tool", np.zeros(3), point, TOOL_RADIUS)
+    capsule(body, f"{name}/tool", np.zeros(3), point, TOOL * tip_radius)
     tip(body, f"{name}/tip", point, tip_radius)
 
 

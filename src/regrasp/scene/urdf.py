@@ -17,13 +17,14 @@ class Urdf:
     """A URDF file as a spec, parsed but not compiled.
 
     files: where the mesh files are that the spec names, None for one that was not found; uris: what the URDF calls them;
-    speeds: joint → its speed limit, rad/s or m/s, where the file gives one.
+    speeds: joint → its speed limit, rad/s or m/s, where the file gives one; said: what was put right, each in a sentence.
     """
 
     spec: mujoco.MjSpec
     files: Mapping[str, Path | None]
     uris: Mapping[str, str]
     speeds: Mapping[str, float]
+    said: tuple[str, ...]
 
 
 def read(path: Path, packages: Mapping[str, str]) -> Urdf:
@@ -49,13 +50,15 @@ def read(path: Path, packages: Mapping[str, str]) -> Urdf:
         name = names.setdefault(uri, f"{len(names)}-{uri.rsplit('/', 1)[-1]}")
         files[name] = locate(uri, folders, packages)
         mesh.set("filename", name)
-    speeds = {joint.get("name", ""): _speed(joint) for joint in root.findall("joint")}
+    joints = root.findall("joint")
+    speeds = {joint.get("name", ""): _number(joint.find("limit"), "velocity") for joint in joints}
+    said = _weigh(root.findall("link"), {child.get("link", "") for joint in joints for child in joint.findall("child")})
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise InputError("model.file", f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     uris = {name: uri for uri, name in names.items()}
-    return Urdf(spec, files, uris, {name: speed for name, speed in speeds.items() if speed > 0.0})
+    return Urdf(spec, files, uris, {name: speed for name, speed in speeds.items() if speed > 0.0}, tuple(said))
 
 
 def locate(uri: str, folders: list[Path], packages: Mapping[str, str]) -> Path | None:
@@ -79,10 +82,30 @@ def locate(uri: str, folders: list[Path], packages: Mapping[str, str]) -> Path |
     return next((place for place in places if place.is_file()), None)
 
 
-def _speed(joint: ElementTree.Element) -> float:
-    limit = joint.find("limit")
+def _weigh(links: list[ElementTree.Element], carried: set[str]) -> list[str]:
+    """Fills what is missing of the links' masses and inertias with zeros, which `inertia.repair` looks after.
+
+    Tells which of the links that a joint carries have none at all: MuJoCo takes their geometry for water.
+    """
+    said = []
+    for link in links:
+        inertial = link.find("inertial")
+        if inertial is None:
+            if link.get("name") in carried and link.find("collision") is not None:
+                said.append(f"link {link.get('name')!r} has no mass: that of its collision geometry at 1000 kg/m³")
+            continue
+        for tag, keys in (("mass", ("value",)), ("inertia", ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))):
+            element = inertial.find(tag)
+            element = ElementTree.SubElement(inertial, tag) if element is None else element
+            for key in keys:
+                element.set(key, repr(_number(element, key)))
+    return said
+
+
+def _number(element: ElementTree.Element | None, key: str) -> float:
+    """A finite number among an element's attributes; 0 where there is none."""
     try:
-        speed = float(limit.get("velocity", "0")) if limit is not None else 0.0
+        number = float(element.get(key, "0")) if element is not None else 0.0
     except ValueError:
         return 0.0
-    return speed if math.isfinite(speed) else 0.0
+    return number if math.isfinite(number) else 0.0

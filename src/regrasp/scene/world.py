@@ -146,10 +146,10 @@ def build(scene: Scene) -> World:
     thing.add_freejoint(name="object")
     add_to(spec, thing, scene.object, matter_of(scene.object, described))
     # The coefficient of a contact is that of the geom with the higher priority: tips and supports decide, as in a plan.
-    for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
-        for piece in finger.pieces:
-            _set_friction(spec.geom(piece), friction)
     names = [geom.name for geom in spec.geoms]
+    for finger, friction in zip(hands.fingers(scene), _frictions(scene), strict=True):
+        for piece in tips.names(finger.tip, names.__contains__):
+            _set_friction(spec.geom(piece), friction)
     for carrier, friction in zip(scene.carriers, _support_friction(scene), strict=True):
         for name in fixtures.parts(carrier, names):
             _set_friction(spec.geom(name), friction)
@@ -221,7 +221,8 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
 def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
     spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
     field = f"agents.{index}" if scene.agents else "model"
-    pieces = np.array([model.geom(name).id for name in finger.pieces], dtype=np.int64)
+    names = tips.names(finger.tip, [model.geom(g).name for g in range(model.ngeom)].__contains__)
+    pieces = np.array([model.geom(name).id for name in names], dtype=np.int64)
     tip = int(pieces[0])
     if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
         raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from regrasp.plan import NONE, RELOCATE, Plan
 from regrasp.scene import solids
+from regrasp.scene.matter import Part
 from regrasp.scene.world import World
 from regrasp.verify.findings import Finding, worst
 from regrasp.verify.motion import Motion, fine, unit
@@ -26,9 +27,13 @@ NORMAL = math.radians(1.0)
 BACKOFF = 1e-3
 """Between touching surfaces nearest points are ill-defined (0.2 mm off for flat ones). Moving one body away by so much
 (m) along the common normal leaves the nearest points of convex bodies where they are and makes them sharp (5 µm)."""
-RIM = (5e-4, math.radians(2.0))
-"""More of both on a cylinder's rounded rim, which the model makes of straight capsules, m and rad: they keep within
-0.02 mm of the round rim, but nearest point and normal jump from one to the next."""
+RIM = (7e-4, math.radians(2.0))
+"""More of both for a tip that is no ball on a cylinder's rounded rim, which the model makes of straight capsules, m and rad:
+they keep within 0.02 mm of the round rim, but nearest point and normal jump from one to the next, and to the sharp edges
+that end inside of it the cylinders for its side and faces."""
+SEAM = 3e-5
+"""m: so near to the rim's seams with side and faces a point counts as on it, with the error of its capsules."""
+BALL = solids.KINDS.index("sphere")
 FAR = 1e-2
 """Distances beyond this (m) are not told apart."""
 
@@ -44,7 +49,7 @@ class Contacts:
     n_O: Array
     """(N, S, k, 3) outward normal of the object there, in O."""
     rim: NDArray[np.bool_]
-    """(N, S, k): whether the contact is on a cylinder's rim."""
+    """(N, S, k): whether the contact is on a cylinder's rim, which the model has of capsules, and taken from there."""
 
 
 def touching(plan: Plan) -> NDArray[np.bool_]:
@@ -61,7 +66,8 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     if world.matter.skin is not None:
         _on_skin(plan, world, motion, Surface(world.matter.skin), contacts)
         return contacts
-    rims = {float(part.size[3]) for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")}
+    round_edged = [part for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")]
+    rims = {float(part.size[3]) for part in round_edged}
     data = mujoco.MjData(world.model)
     n_stated = unit(fine(plan.n_O, motion.K))
     for j in range(N):
@@ -76,7 +82,13 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
                 capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                contacts.rim[j, s, a] = capsule and float(world.model.geom_size[geom, 0]) in rims
+                rim = next((part for part in round_edged if _on_rim(part, contacts.p_O[j, s, a])), None)
+                if rim is not None and world.agents[a].tip_kind == BALL:
+                    contacts.p_O[j, s, a], contacts.n_O[j, s, a] = _under(rim, motion.p_OT[j, s, a])
+                else:
+                    contacts.rim[j, s, a] = rim is not None or (
+                        capsule and float(world.model.geom_size[geom, 0]) in rims
+                    )
     return contacts
 
 
@@ -91,6 +103,28 @@ def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contact
             aside = Tip(agent.tip_kind, agent.tip_size, R_OT, p_OT + BACKOFF * n_stated[j, s, a])
             _, contacts.p_O[j, s, a] = surface.nearest(aside)
             contacts.n_O[j, s, a] = aside.normal(contacts.p_O[j, s, a])
+
+
+def _under(cylinder: Part, p_O: Array) -> tuple[Array, Array]:
+    """Nearest point of a cylinder with rounded edges to a point outside it, and the normal there, in O.
+
+    The cylinder is one without the rounding, swept by a ball of it: from the nearest point of that one on towards p_O.
+    """
+    radius, half, _, rounding = cylinder.size
+    p = cylinder.R_OP.T @ (p_O - cylinder.p_OP)
+    away = np.hypot(p[0], p[1])
+    core = p.copy()
+    core[:2] *= min(1.0, (radius - rounding) / away)
+    core[2] = np.clip(p[2], rounding - half, half - rounding)
+    n = (p - core) / np.linalg.norm(p - core)
+    return cylinder.R_OP @ (core + rounding * n) + cylinder.p_OP, cylinder.R_OP @ n
+
+
+def _on_rim(part: Part, p_O: Array) -> bool:
+    """Whether a point of a cylinder's surface is on its rounded rim or on an edge that ends there."""
+    radius, half, _, rounding = part.size
+    x, y, z = part.R_OP.T @ (p_O - part.p_OP)
+    return bool(np.hypot(x, y) >= radius - rounding - SEAM and abs(z) >= half - rounding - SEAM)
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:
