@@ -51,8 +51,8 @@ def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() ->
             if not offered:
                 assert taken < 0
                 continue
-            np.testing.assert_array_equal(q, offered[taken][1])
-            assert offered[taken][0] == min(value for value, _ in offered.values())
+            np.testing.assert_allclose(q, offered[taken][1], atol=1e-12)
+            assert offered[taken][0] <= min(value for value, _ in offered.values()) + 1e-12
             if offered.get(STAY, (1.0,))[0] == 0.0:
                 assert taken == STAY
                 first = a.hand.chains.start[i]
