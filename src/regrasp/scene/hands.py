@@ -164,9 +164,8 @@ def _attach_planar(spec: mujoco.MjSpec, hand: PlanarHand) -> None:
 
 
 def _attach_flying(spec: mujoco.MjSpec, team: FlyingTeam) -> None:
-    box = team.workspace
-    middle, half = np.array(box.position), np.array(box.size)
-    for name, at in zip(team.finger_names, team.bases, strict=True):
+    for name, at, box in zip(team.finger_names, team.bases, team.boxes, strict=True):
+        middle, half = np.array(box.position), np.array(box.size)
         base = spec.worldbody.add_body(name=f"{name}/base", pos=at)
         flying.attach(base, name, middle - half - at, middle + half - at, team.tip_radius)
 
