@@ -1,5 +1,6 @@
 """Objects and fixed bodies of several convex parts: distances, rest, contact patches and whole plans, against MuJoCo."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -10,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from regrasp.planner.collision import closer, object_row, tip_hits
 from regrasp.planner.configurations import bodies_along
+from regrasp.planner.method import plan_scene
 from regrasp.planner.path import nominal_path
 from regrasp.planner.supports import gap, moved_onto, patch_of, touching
 from regrasp.planner.surroundings import gaps_at
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import parse
+from regrasp.verify.check import check
 from tests.scene import shapes
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -36,6 +39,13 @@ WEDGE = {
     "file": "wedge.stl",
     "pose": {"position": [0.02, 0.0, -0.02], "euler": [0, 0, 0.3]},
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +141,23 @@ def test_a_tip_meets_every_part(folder: Path) -> None:
     R_G, p_G = np.zeros((tip + 1, 3, 3)), np.zeros((tip + 1, 3))
     R_G[:] = np.eye(3)
     radius = t.hand.size_T[0, 0]
-    for x, height in ((-0.035, 0.03), (0.035, 0.03), (0.0, 0.018)):
+    for x, height in ((-0.035, 0.03), (0.035, 0.03)):
         for over in (-1e-4, 1e-4):
             p_G[tip] = [x, 0.0, 0.2 + height + radius + over]
             assert tip_hits(t.hand, 0, R_G, p_G, R_WB[0, row:], p_WB[0, row:], 0.0) == (over < 0.0)
+    p_G[tip] = [0.0, 0.0, 0.2 + 0.018 + radius - 1e-4]  # between the ends: on the bar
+    assert tip_hits(t.hand, 0, R_G, p_G, R_WB[0, row:], p_WB[0, row:], 0.0)
     assert not closer(t.hand, tip, np.eye(3), p_G[tip] + 1.0, t.hand.object_geom, np.eye(3), np.zeros(3), 0.0)
+
+
+@pytest.mark.parametrize("thing", [DUMBBELL, BRACKET], ids=["union", "mesh"])
+def test_a_concave_object_is_moved_and_turned_and_the_plan_certified(folder: Path, thing: dict) -> None:
+    """Three fingers, six freedoms; judged on MuJoCo's geoms for the union, on the triangulated surface for the mesh."""
+    scene = {
+        "name": "concave", "model": {"hand": "puma", "fingers": 3}, "object": thing,
+        "start": {"pose": {"position": [0, 0, 0.135]}},
+        "goal": {"pose": {"position": [0.008, -0.006, 0.143], "euler": [0.15, -0.1, 0.2]}},
+    }  # fmt: skip
+    outcome = plan_scene(parse(yaml.safe_dump(scene), "concave.yaml", folder), 0, Settings())
+    assert outcome.plan is not None, outcome.failure
+    assert check(outcome.plan).refusals == ()

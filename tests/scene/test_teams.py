@@ -18,7 +18,7 @@ BALL = {"shape": "sphere", "size": [0.05], "mass": 0.1}
 FLYING = {
     "hand": "flying",
     "bases": [[0.2, 0.1, 0.5], [-0.2, 0.0, 0.6]],
-    "workspace": {"position": [0.0, 0.1, 0.5], "size": [0.4, 0.3, 0.2]},
+    "workspaces": [{"position": [0.0, 0.1, 0.5], "size": [0.4, 0.3, 0.2]}],
 }
 MOBILE = {
     "hand": "mobile",
@@ -131,7 +131,8 @@ def test_the_ur5e_weighs_what_is_published_where_it_is_published() -> None:
 @pytest.mark.parametrize(
     ("model", "field", "reason"),
     [
-        ({**FLYING, "bases": [[0.5, 0, 0.5]]}, "model", "base 1 is outside the workspace"),
+        ({**FLYING, "bases": [[0.5, 0, 0.5]]}, "model", "base 1 is outside its workspace"),
+        ({**FLYING, "workspaces": FLYING["workspaces"] * 3}, "model", "3 workspaces for 2 tips"),
         ({**MOBILE, "bases": [{"position": [0, 0]}, {"position": [0, 2]}]}, "model", "base 2 is outside the room"),
         ({**MOBILE, "shoulder": 0.2}, "model.shoulder", "greater than or equal to 0.45"),
         ({**ARMS, "fingers": 3}, "model.fingers", "unknown key"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from regrasp.scene import solids
-from regrasp.scene.grids import Grid, Skin, nodes, skin_of
+from regrasp.scene.grids import Grid, Spline, nodes, skin_of
 from regrasp.scene.schema import Object
 from regrasp.verify.skin import Surface, Tip
 
@@ -18,17 +18,34 @@ TIPS = {
 
 
 @pytest.fixture(scope="module")
-def skin() -> Skin:
-    """Of the rounded box, from its distances at nodes 1 mm apart."""
+def grid() -> Grid:
+    """Of the rounded box, its distances at nodes 1 mm apart."""
     half = np.array(BOX.size)
     origin, shape = nodes(-half, half, 0.001)
     points = origin + 0.001 * np.argwhere(np.ones(shape, bool))
-    return skin_of(Grid(origin, 0.001, solids.distance(*solids.kind(BOX), points).reshape(shape)))
+    return Grid(origin, 0.001, solids.distance(*solids.kind(BOX), points).reshape(shape))
 
 
 @pytest.fixture(scope="module")
-def surface(skin: Skin) -> Surface:
-    return Surface(skin)
+def surface(grid: Grid) -> Surface:
+    return Surface(skin_of(grid))
+
+
+def test_the_patches_are_the_spline_as_a_ball_feels_it(grid: Grid, surface: Surface) -> None:
+    """A ball put onto the spline's surface touches it to 0.005 mm, at the point and with the normal where it was put."""
+    rng = np.random.default_rng(1)
+    spline, size = Spline(grid), TIPS["sphere"][1]
+    p = surface.skin.vertices[rng.choice(len(surface.skin.vertices), 60)] + 3e-4 * rng.normal(size=(60, 3))
+    for _ in range(5):
+        value, gradient = spline(p)
+        p = p - (value / np.sum(gradient**2, axis=1))[:, None] * gradient
+    normals = spline(p)[1]
+    for p_O, n in zip(p, normals / np.linalg.norm(normals, axis=1, keepdims=True), strict=True):
+        assert abs(surface.nearest(Tip(0, size, np.eye(3), p_O + size[0] * n))[0]) < 5e-6
+        back = Tip(0, size, np.eye(3), p_O + (size[0] + 1e-3) * n)
+        _, point = surface.nearest(back)
+        assert np.linalg.norm(point - p_O) < 6e-5
+        assert np.arccos(min(1.0, back.normal(point) @ n)) < np.radians(0.3)
 
 
 @pytest.mark.parametrize("name", TIPS)

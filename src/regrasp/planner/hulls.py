@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from regrasp.kernels.cores import COUNT, FIRST, ROW
 from regrasp.kernels.features import TOUCH
@@ -31,6 +30,8 @@ def numbers(vertices: Array) -> Array:
     Of such a face those come first that come first among the vertices. The least used number is taken, so that a vertex
     is the only one of its number nearby.
     """
+    from scipy.spatial import ConvexHull
+
     planes = np.unique(np.round(ConvexHull(vertices).equations, 6), axis=0)
     on = np.abs(vertices @ planes[:, :3].T + planes[:, 3]) <= TOUCH
     beside = on.astype(np.int64) @ on.T.astype(np.int64) > 0

@@ -37,6 +37,7 @@ STANCES = 3  # grasps that are tried where agents take hold of what supports car
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
+HAND_OVERS = 4  # scans for grasps onto which the object is handed over in the air
 STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
 
 
@@ -272,15 +273,30 @@ def handed_over(
     task: Task, arc: Arc, whole: Path, grasp: Grasp, rng: np.random.Generator, stage: str
 ) -> Planned | Failure:  # fmt: skip
     """The arc held by agents that are off: they take hold before it, and those who held the object let go."""
-    stances = stances_for(task, whole, rng, tuple(np.flatnonzero(grasp.holds).tolist()), grasp)
-    if isinstance(stances, Failure):
-        return stances
-    passed = taken(task, arc, whole, grasp, stances[0], stage)
-    for stance in stances[1:]:
-        if isinstance(passed, Planned) and passed.failure is None:
-            break
-        passed = taken(task, arc, whole, grasp, stance, stage)
-    return passed
+    last: Planned | Failure | None = None
+    for _ in range(HAND_OVERS):
+        stances = stances_for(task, whole, rng, tuple(np.flatnonzero(grasp.holds).tolist()), grasp)
+        if isinstance(stances, Failure):
+            return last or stances
+        for stance in stances:
+            if last is not None and not all_arrive(task, arc.start, grasp, stance, stage):
+                continue
+            last = taken(task, arc, whole, grasp, stance, stage)
+            if isinstance(last, Planned) and last.failure is None:
+                return last
+    assert last is not None
+    return last
+
+
+def all_arrive(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) -> bool:
+    """Whether each agent, alone, finds its way to its contact of the stance beside the grasp at hand."""
+    here, path = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), rest_at(task, pose, 1)
+    for i in np.flatnonzero(stance.candidates != OUT):
+        V = here[None].copy()
+        V[0, i] = ONTO + stance.candidates[i]
+        if isinstance(moved(task, path, grasp, V, stage), Failure):
+            return False
+    return True
 
 
 def annealed(

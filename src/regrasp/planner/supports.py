@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from regrasp.kernels.cores import POINT
 from regrasp.kernels.distances import Geoms, bounds_far
@@ -140,6 +139,8 @@ def patch_of(hand: Hand, support: Support, R_WO: Array, p_WO: Array) -> Patch | 
 
 def around(points: Array, n_W: Array) -> Array:
     """Corners, in order, of the least convex polygon across n that holds the points (P, 3)."""
+    from scipy.spatial import ConvexHull
+
     x = np.cross(n_W, np.eye(3)[np.argmin(np.abs(n_W))])
     flat = (points - points[0]) @ np.stack([x, np.cross(n_W, x)]).T / np.linalg.norm(x)
     middle = flat.mean(axis=0)

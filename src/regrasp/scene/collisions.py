@@ -1,5 +1,7 @@
 """Which pairs of geoms must never touch: every pair MuJoCo would collide, but for the contacts the task is made of."""
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +55,8 @@ def overlaps(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, int,
     return [(a, b, depth) for (a, b), depth in deepest.items()]
 
 
-def apart(model: mujoco.MjModel, a: int, b: int) -> int:
-    """How many moving bodies' joints lie between two bodies, along the tree."""
+def apart(model: mujoco.MjModel, a: int, b: int) -> float:
+    """How many moving bodies' joints lie between two bodies of which one carries the other; inf where neither does."""
     ways = []
     for body in (a, b):
         way = [int(model.body_weldid[body])]
@@ -62,7 +64,9 @@ def apart(model: mujoco.MjModel, a: int, b: int) -> int:
             way.append(int(model.body_weldid[model.body_parentid[way[-1]]]))
         ways.append(way)
     first, second = ways
-    return next(i + second.index(body) for i, body in enumerate(first) if body in second)
+    if first[0] in second:
+        return second.index(first[0])
+    return first.index(second[0]) if second[0] in first else math.inf
 
 
 def vertices(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:

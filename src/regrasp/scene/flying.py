@@ -36,9 +36,8 @@ def attach(base: mujoco.MjsBody, name: str, low: Array, high: Array, tip_radius:
 
 def place(spec: mujoco.MjSpec, team: FlyingTeam) -> None:
     """Adds the tips to the world `spec`."""
-    box = team.workspace
-    middle, half = np.array(box.position), np.array(box.size)
-    for name, at in zip(team.finger_names, team.bases, strict=True):
+    for name, at, box in zip(team.finger_names, team.bases, team.boxes, strict=True):
+        middle, half = np.array(box.position), np.array(box.size)
         base = spec.worldbody.add_body(name=f"{name}/base", pos=at)
         attach(base, name, middle - half - at, middle + half - at, team.tip_radius)
 

@@ -123,25 +123,31 @@ class Workspace(Strict):
 
 
 class FlyingTeam(BuiltIn):
-    """Spherical tips that fly freely within a box, each from its own place of rest."""
+    """Spherical tips that fly freely within boxes, each from its own place of rest."""
 
     hand: Literal["flying"]
     bases: Annotated[tuple[Point, ...], Field(min_length=1, max_length=12)]
-    workspace: Workspace
+    workspaces: Annotated[tuple[Workspace, ...], Field(description="one for all tips, or one for each")]
     tip_radius: Length = 0.012
 
     @model_validator(mode="after")
     def _check_bases(self) -> "FlyingTeam":
-        box = self.workspace
-        for i, base in enumerate(self.bases):
+        if len(self.workspaces) not in (1, len(self.bases)):
+            raise fault(f"{len(self.workspaces)} workspaces for {len(self.bases)} tips", "one, or one for each tip")
+        for i, (base, box) in enumerate(zip(self.bases, self.boxes, strict=True)):
             if any(abs(x - c) >= h for x, c, h in zip(base, box.position, box.size, strict=True)):
-                raise fault(f"base {i + 1} is outside the workspace", "every tip rests inside the box")
+                raise fault(f"base {i + 1} is outside its workspace", "every tip rests inside its box")
         return self
 
     @property
     def finger_names(self) -> tuple[str, ...]:
         """The names of the agents this team offers."""
         return tuple(f"tip{i + 1}" for i in range(len(self.bases)))
+
+    @property
+    def boxes(self) -> tuple[Workspace, ...]:
+        """The workspace of every tip."""
+        return self.workspaces * len(self.bases) if len(self.workspaces) == 1 else self.workspaces
 
 
 class MobileBase(Strict):

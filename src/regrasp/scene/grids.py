@@ -14,6 +14,8 @@ NODES = 3e6  # at most, about: 24 MB
 MARGIN = 5  # cells beyond the solid: at the grid's faces a spline is less exact
 STEP = 1e-3  # of the spacing, for differences
 PROJECTIONS = 2  # Newton steps that put the skin's vertices onto the surface
+BEND = 0.1  # rad by which the normal may turn over a triangle of the skin, …
+SPLITS = 3  # … unless it has been cut so often
 SLOPE = 0.3  # of the distance, at least: it is smaller on the axes of symmetry only
 
 
@@ -73,11 +75,41 @@ def skin_of(grid: Grid) -> Skin:
     """The triangulated zeros of the grid's spline."""
     spline = Spline(grid)
     vertices, faces = contour(grid.origin, grid.spacing, grid.values, spline)
+    skin = _on_zeros(spline, vertices, faces)
+    for _ in range(SPLITS):
+        vertices, faces = _split(skin)
+        if len(faces) == len(skin.faces):
+            break
+        skin = _on_zeros(spline, vertices, faces)
+    return skin
+
+
+def _on_zeros(spline: Spline, vertices: Array, faces: NDArray[np.int64]) -> Skin:
+    """The vertices put onto the spline's zeros."""
     for _ in range(PROJECTIONS):
         value, gradient = spline(vertices)
         vertices = vertices - (value / np.maximum(np.sum(gradient**2, axis=1), SLOPE**2))[:, None] * gradient
     gradient = spline(vertices)[1]
     return Skin(vertices, gradient / np.linalg.norm(gradient, axis=1, keepdims=True), faces)
+
+
+def _split(skin: Skin) -> tuple[Array, NDArray[np.int64]]:
+    """The skin with every triangle over which the normal turns by more than BEND cut into four.
+
+    A side that only one of its two triangles has cut is a straight line to the other: a crack less wide than a patch bends.
+    """
+    normals = skin.normals[skin.faces]
+    bends = np.min(np.sum(normals * np.roll(normals, 1, axis=1), axis=2), axis=1) < np.cos(BEND)
+    cut, kept = skin.faces[bends], skin.faces[~bends]
+    sides = np.sort(np.concatenate([cut[:, [0, 1]], cut[:, [1, 2]], cut[:, [2, 0]]]), axis=1)
+    unique, number = np.unique(sides, axis=0, return_inverse=True)
+    middles = skin.vertices[unique].mean(axis=1)
+    m = (len(skin.vertices) + number.reshape(3, -1)).T
+    four = [
+        np.stack([cut[:, 0], m[:, 0], m[:, 2]], axis=1), np.stack([m[:, 0], cut[:, 1], m[:, 1]], axis=1),
+        np.stack([m[:, 2], m[:, 1], cut[:, 2]], axis=1), m,
+    ]  # fmt: skip
+    return np.vstack([skin.vertices, middles]), np.concatenate([kept, *four])
 
 
 def nodes(low: Array, high: Array, spacing: float) -> tuple[Array, tuple[int, int, int]]:

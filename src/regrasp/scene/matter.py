@@ -145,7 +145,7 @@ def _opened(arrays: Arrays) -> Arrays:
             "skin_faces": found.skin.faces.astype(np.int32), "error": np.array(found.error),
         }  # fmt: skip
 
-    return kept("opening", arrays, make)
+    return kept("opening-2", arrays, make)
 
 
 def _united(shape: UnionObject) -> Grid:
