@@ -14,9 +14,10 @@ from regrasp.kernels.forces import EDGES as EIGHT
 from regrasp.planner.arcs import straight
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
-from regrasp.planner.grasp import OUT, drawn, find_grasp, given_grasp, grasp_cost, look_over, nothing_ahead
+from regrasp.planner.grasp import given_grasp
 from regrasp.planner.legs import pieces_of
 from regrasp.planner.outcome import Failure
+from regrasp.planner.stances import OUT, drawn, find_grasp, grasp_cost, look_over, nothing_ahead
 from regrasp.planner.task import prepare
 from regrasp.scene.load import load
 

@@ -13,7 +13,6 @@ from regrasp.planner.arcs import Arc
 from regrasp.planner.assemble import Segment
 from regrasp.planner.clock import start_clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.grasp import Stance
 from regrasp.planner.legs import (
     STAYED,
     TOOK_HOLD,
@@ -31,6 +30,7 @@ from regrasp.planner.local import LocalPlanner
 from regrasp.planner.method import plan_of
 from regrasp.planner.outcome import Failure
 from regrasp.planner.poses import START
+from regrasp.planner.stances import Stance
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import load
 from regrasp.search.annealing import Settings as Annealing

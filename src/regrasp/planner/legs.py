@@ -19,7 +19,6 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.follow import is_full
-from regrasp.planner.grasp import OUT, Stance, find_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
@@ -28,6 +27,7 @@ from regrasp.planner.outcome import Failure, Report
 from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
+from regrasp.planner.stances import OUT, Stance, find_grasp
 from regrasp.planner.task import Task
 
 Array = NDArray[np.float64]

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from regrasp.planner.grasp import GraspSearch
 from regrasp.planner.hand import Hand, geom_index, hand_of
 from regrasp.planner.loads import Loads
 from regrasp.planner.local import LocalPlanner
 from regrasp.planner.path import Pose
 from regrasp.planner.route import GlobalPlanner, Router
+from regrasp.planner.stances import GraspSearch
 from regrasp.planner.supports import Support, supports_of
 from regrasp.planner.timing import Timing
 from regrasp.scene.schema import Scene
