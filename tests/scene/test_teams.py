@@ -136,7 +136,7 @@ def test_the_ur5e_weighs_what_is_published_where_it_is_published() -> None:
         ({**MOBILE, "bases": [{"position": [0, 0]}, {"position": [0, 2]}]}, "model", "base 2 is outside the room"),
         ({**MOBILE, "shoulder": 0.2}, "model.shoulder", "greater than or equal to 0.45"),
         ({**ARMS, "fingers": 3}, "model.fingers", "unknown key"),
-        ({"hand": "ur10"}, "model", "neither a built-in hand nor a file"),
+        ({"hand": "ur10"}, "model", "neither a built-in hand nor a model of your own"),
     ],
 )
 def test_what_cannot_stand_there_is_said(model: dict[str, Any], field: str, reason: str) -> None:

@@ -223,9 +223,8 @@ def _of_reach(world: World) -> Iterator[Symptom]:
             yield Symptom("error", where, what, "another place of the robot (model.pose) or the object")
         elif max(gaps) > 0.0:
             end = "start" if gaps[0] > 0.0 else "goal"
-            yield Symptom(
-                "warning", where, f"its tip does not reach the object at the {end}, {1e3 * max(gaps):.0f} mm short"
-            )
+            what = f"its tip does not reach the object at the {end}, {1e3 * max(gaps):.0f} mm short"
+            yield Symptom("note", where, what, "others must hold it there")
 
 
 def _ends(model: mujoco.MjModel) -> tuple[str, ...]:
