@@ -104,7 +104,7 @@ def test_each_fault_of_a_robot_has_its_symptom(
     [
         ({"start": {"pose": {"position": [0, 0, 0.3]}}, "goal": {"pose": {"position": [0, 0, 0.3]}}}, "error",
          "agent 'l': its tip comes no nearer than"),
-        ({"goal": {"pose": {"position": [0, 0, 0.2]}}}, "warning", "its tip does not reach the object at the goal"),
+        ({"goal": {"pose": {"position": [0, 0, 0.2]}}}, "note", "its tip does not reach the object at the goal"),
         ({"object": {"shape": "sphere", "size": [0.027], "mass": 5.0}}, "error", "together they bear 24.4 N at most"),
         ({"agents": [{"name": "l", "tip": "ltip", "home": [0.7, 0]}, {"name": "r", "tip": "rtip", "home": [-0.7, 0]}]},
          "error", "body 'robot/ltip' and body 'robot/rtip': overlap by"),
