@@ -1,5 +1,7 @@
 """What is measured is what is said: the paper's job, equal searches, the marks that decide the exit code."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -148,6 +150,6 @@ def test_goals_are_drawn_from_the_whole_range_and_the_same_every_time():
     again = goals.draw(400, np.random.default_rng(0))
     assert all(np.array_equal(a, b) for pair in zip(drawn, again, strict=True) for a, b in zip(*pair, strict=True))
     for name in goals.OBJECTS:
-        scene = goals.scene_of(name, *drawn[0])
+        scene = goals.scene_of(name, *drawn[0], Path("."))
         np.testing.assert_allclose(scene.goal.pose.p, np.array(goals.START) + drawn[0][0])
         assert scene.goal.tolerance.rotation == pytest.approx(np.radians(1.0))

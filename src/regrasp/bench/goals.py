@@ -1,7 +1,9 @@
 """Random goals of an object held in three fingertips: how many are planned and certified, how fast, why the others are not."""
 
 import dataclasses
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,11 @@ OBJECTS: dict[str, dict[str, Any]] = {
     "cube": {"shape": "box", "size": [0.025, 0.025, 0.025], "rounding": 0.004, "mass": 0.05},
     "ellipsoid": {"shape": "ellipsoid", "size": [0.035, 0.025, 0.025], "mass": 0.05},
     "cylinder": {"shape": "cylinder", "size": [0.025, 0.03], "rounding": 0.004, "mass": 0.05},
+    "bracket": {"shape": "mesh", "file": "bracket.stl", "rounding": 0.004, "mass": 0.05},
 }
+BRACKET = np.array([[-22, -22], [28, -22], [28, 3], [3, 3], [3, 28], [-22, 28]]) * 1e-3
+"""Corners of the bracket's section in x and y, m: an L, 50 mm either way and 25 mm thick; it is 50 mm high."""
+HALF_HEIGHT = 0.025
 HOLD = ("index", "middle", "thumb")
 START = (0.055, -0.01, 0.075)
 """Where the object starts over the palm, m: in the middle of what the tips of all fingers reach."""
@@ -44,13 +50,29 @@ def draw(count: int, rng: np.random.Generator) -> list[tuple[Array, Array]]:
     return list(zip(rng.uniform(-FAR, FAR, (count, 3)), rng.uniform(0.0, TURNED, (count, 1)) * axes, strict=True))
 
 
-def scene_of(name: str, shift: Array, turn: Array) -> Scene:
-    """The object over the palm of the Allegro hand, to be moved by a shift and a rotation vector, without friction to spare."""
+def write_bracket(folder: Path) -> None:
+    """The concave mesh, as a file of the name that OBJECTS has for it."""
+    import trimesh
+
+    n = len(BRACKET)
+    low, high = (np.insert(BRACKET, 2, z, axis=1) for z in (-HALF_HEIGHT, HALF_HEIGHT))
+    lid = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    k, following = np.arange(n), np.roll(np.arange(n), -1)
+    sides = [np.stack([k, following, following + n], axis=1), np.stack([k, following + n, k + n], axis=1)]
+    faces = np.concatenate([lid[:, ::-1], lid + n, *sides])
+    trimesh.Trimesh(np.concatenate([low, high]), faces).export(folder / OBJECTS["bracket"]["file"])
+
+
+def scene_of(name: str, shift: Array, turn: Array, folder: Path) -> Scene:
+    """The object over the palm of the Allegro hand, to be moved by a shift and a rotation vector; folder: of the meshes."""
+    shape = dict(OBJECTS[name])
+    if "file" in shape:
+        shape["file"] = str(folder / shape["file"])
     quaternion = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
     return validate({
         "name": f"goals-{name}",
         "model": {"hand": "allegro"},
-        "object": OBJECTS[name],
+        "object": shape,
         "agents": [{"name": finger} for finger in HOLD],
         "max_force": 5.0,
         "start": {"pose": {"position": list(START)}},
@@ -67,7 +89,9 @@ def goals(seeds: int) -> dict[str, Any]:
     Passed if MARK of the goals of every object are certified.
     """
     compile_kernels()
-    rows = [row_of(name, seeds) for name in OBJECTS]
+    with tempfile.TemporaryDirectory() as folder:
+        write_bracket(Path(folder))
+        rows = [row_of(name, seeds, Path(folder)) for name in OBJECTS]
     title = f"{seeds} random goals per object, three fingertips, {LIMIT:g} s each"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for heading in ("object", "planned", "certified", "median s", "90 % s"):
@@ -82,11 +106,14 @@ def goals(seeds: int) -> dict[str, Any]:
     return {"passed": all(row["certified"] >= MARK * seeds for row in rows), "goals": seeds, "objects": rows}
 
 
-def row_of(name: str, count: int) -> dict[str, Any]:
-    """One object: how many of its goals are planned and certified; seconds: median and ninth tenth of all, planned or not."""
+def row_of(name: str, count: int, folder: Path) -> dict[str, Any]:
+    """One object, its mesh in `folder`: how many of its goals are planned and certified.
+
+    seconds: median and ninth tenth of all, planned or not.
+    """
     seconds, planned, certified, reasons = [], 0, 0, []
     for number, (shift, turn) in enumerate(draw(count, np.random.default_rng(0))):
-        scene = scene_of(name, shift, turn)
+        scene = scene_of(name, shift, turn, folder)
         settings = dataclasses.replace(read(Settings, scene.planner), time_limit=LIMIT)
         started = time.perf_counter()
         outcome = plan_scene(scene, 0, settings)
