@@ -47,7 +47,7 @@ def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() ->
                 if short_step(a.hand, *poses, i, a.terms.commands[code], steps, p_OC, p_TC, R_OT, x, q, R_WL, p_WL):
                     offered[code] = (cramped(a.hand, i, q), q)
             p_OC, p_TC, R_OT, q, R_WL, p_WL = state(a, scan, i, c)
-            taken = roll_within(a.hand, a.path, a.terms.commands, 0, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+            taken = roll_within(a.hand, a.path, a.terms.commands, 0, 1, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
             if not offered:
                 assert taken < 0
                 continue
@@ -71,7 +71,7 @@ def test_a_contact_that_can_be_kept_is_kept_at_every_sample() -> None:
         mine = a.joints(i)
         for scan, c in stands(a, i):
             q, p, n_O = np.zeros((LOOKS + 1, 4)), np.zeros((LOOKS + 1, 3)), np.zeros((LOOKS + 1, 3))
-            if stay_on(a.hand, a.path, scan, a.terms.commands, 0, i, c, q, p, n_O) < LOOKS:
+            if stay_on(a.hand, a.path, scan, a.terms.commands, 0, i, c, 1, q, p, n_O) < LOOKS:
                 continue
             grasp = build_grasp(a.hand, a.path.R_WO[0, 0], {i: (q[0], p[0], n_O[0])})
             V = np.zeros((n, len(a.task.names)), np.int16)

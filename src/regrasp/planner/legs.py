@@ -117,7 +117,7 @@ def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> Non
         p_OC, p_TC, R_OT, q = grasp.p_OC[i].copy(), grasp.p_TC[i].copy(), grasp.R_OT[i].copy(), grasp.q[mine].copy()
         R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
         for j in range(len(V)):
-            code = roll_within(hand, path, commands, j, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
+            code = roll_within(hand, path, commands, j, j + 1, i, p_OC, p_TC, R_OT, q, R_WL, p_WL)
             if code < 0:
                 break
             V[j, i] = code

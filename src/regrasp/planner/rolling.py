@@ -32,17 +32,17 @@ def cramped(hand: Hand, i: int, q: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def roll_within(
-    hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
+    hand: Hand, path: Path, commands: Array, first: int, last: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
     q: Array, R_WL: Array, p_WL: Array,
 ) -> int:  # fmt: skip
-    """The contact motion that takes agent i, of fewer than six joints, through interval j, or −1 for none.
+    """The contact motion that takes agent i, of fewer than six joints, from one configuration to a later one, or −1 for none.
 
     Staying, unless joints have less than ROOM left after it and a roll leaves them more. The contact p_OC, p_TC, R_OT and the
-    joints q (n_a,) are those at the start in, at the end out, in one step instead of the interval's samples.
+    joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
     """
-    R_A, p_A = pose_at(path, j)
-    R_Z, p_Z = pose_at(path, j + 1)
-    steps = path.R_WO.shape[1] - 1.0
+    R_A, p_A = pose_at(path, first)
+    R_Z, p_Z = pose_at(path, last)
+    steps = (path.R_WO.shape[1] - 1.0) * (last - first)
     foot, n, x, y = stack(3), stack(3), stack(3), stack(3)
     p, c, R, p_best, c_best, R_best = stack(3), stack(3), stack((3, 3)), stack(3), stack(3), stack((3, 3))
     joints, q_best = np.empty_like(q), np.empty_like(q)

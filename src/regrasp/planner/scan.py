@@ -20,6 +20,7 @@ from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
+from regrasp.planner.motions import whole
 from regrasp.planner.path import Path, pose_at
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.tips import over, touches_in_a_point, under
@@ -32,6 +33,7 @@ SPINS = 6  # orientations about the tool's axis that an arm tries
 DIRECTIONS = 3
 LEAN = math.radians(75.0)  # from the normal, at which a tool's shaft still stands clear of a flat surface
 LOOKS = 4  # poses on the coming way at which a candidate is tried
+STRIDE = 5  # intervals that an agent of few joints is looked ahead at once when it may relocate
 
 
 @dataclass(frozen=True)
@@ -265,13 +267,14 @@ def look_ahead(n: int, j: int, look: int) -> int:
 
 @njit(cache=True, nogil=True)
 def hold_on(
-    hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
+    hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, stride: int,
     q: Array, p: Array, n_O: Array,
 ) -> int:  # fmt: skip
     """How many looks ahead from configuration j agent i can keep a contact.
 
     q (LOOKS + 1, n_a): row 0 the joints at j in, the joints at each look out; p, n_O (LOOKS + 1, 3): the contact point and its
-    normal there, likewise. An agent of fewer than six joints rolls as in `roll_within`; p_OC, p_TC, R_OT are scratch for it.
+    normal there, likewise. An agent of fewer than six joints rolls as in `roll_within`, in steps of at most `stride` intervals;
+    p_OC, p_TC, R_OT are scratch for it.
     """
     n, n_a = path.R_WO.shape[0], q.shape[1]
     R_WL, p_WL, R_WT, p_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3)
@@ -285,8 +288,9 @@ def hold_on(
             if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * max(1, last - first):
                 return look - 1
         else:
-            for at in range(first, last):
-                if roll_within(hand, path, commands, at, i, p_OC, p_TC, R_OT, q[look], R_WL, p_WL) < 0:
+            for at in range(first, last, stride):
+                to = min(at + stride, last)
+                if roll_within(hand, path, commands, at, to, i, p_OC, p_TC, R_OT, q[look], R_WL, p_WL) < 0:
                     return look - 1
             project(hand.kind_O, hand.size_O, hand.grids, p_OC, p[look], n_O[look])
     return LOOKS
@@ -306,23 +310,50 @@ def outlook_of(
         return scan.kept[i, j, c]
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     q, p, n_O = np.zeros((LOOKS + 1, n_a)), np.empty((LOOKS + 1, 3)), np.empty((LOOKS + 1, 3))
-    kept = 0 if j < n else LOOKS
+    kept = 1.0
     if j < n:
-        reached = stay_on(hand, path, scan, commands, j, i, c, q, p, n_O)
-        while kept < reached:
-            forward(hand.chains, i, q[kept + 1], scan.R_WL, scan.p_WL)
-            place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
-            ahead = look_ahead(n, j, kept + 1)
-            if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_WB[ahead], p_WB[ahead], clearance):
-                break
-            kept += 1
-    scan.kept[i, j, c] = kept / LOOKS
-    return kept / LOOKS
+        reached = stay_on(hand, path, scan, commands, j, i, c, whole(STRIDE), q, p, n_O)
+        kept = clear_on(hand, path, scan, R_WB, p_WB, j, i, reached, q, clearance) / LOOKS
+    scan.kept[i, j, c] = kept
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def clear_on(
+    hand: Hand,
+    path: Path,
+    scan: Scan,
+    R_WB: Array,
+    p_WB: Array,
+    j: int,
+    i: int,
+    reached: int,
+    q: Array,
+    clearance: float,
+) -> int:
+    """At how many looks ahead, of those reached, agent i is clear of fixed bodies and the object, its joints q (LOOKS + 1, n_a)."""
+    for look in range(1, reached + 1):
+        forward(hand.chains, i, q[look], scan.R_WL, scan.p_WL)
+        place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
+        at = look_ahead(path.R_WO.shape[0], j, look)
+        if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_WB[at], p_WB[at], clearance):
+            return look - 1
+    return reached
 
 
 @njit(cache=True, nogil=True)
 def stay_on(
-    hand: Hand, path: Path, scan: Scan, commands: Array, j: int, i: int, c: int, q: Array, p: Array, n_O: Array
+    hand: Hand,
+    path: Path,
+    scan: Scan,
+    commands: Array,
+    j: int,
+    i: int,
+    c: int,
+    stride: int,
+    q: Array,
+    p: Array,
+    n_O: Array,
 ) -> int:
     """`hold_on` of agent i on candidate c in configuration j; q, p, n_O out."""
     p_OC, p_TC, R_OT = stack(3), stack(3), stack((3, 3))
@@ -330,7 +361,7 @@ def stay_on(
     p[0], n_O[0] = scan.p[i, j, c], scan.n[i, j, c]
     p_OC[:] = p[0]
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
-    return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, q, p, n_O)
+    return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, stride, q, p, n_O)
 
 
 @njit(cache=True, nogil=True)

@@ -20,7 +20,7 @@ from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
-from regrasp.planner.scan import LOOKS, Scan, candidate_free, look_ahead, outlook_of, stay_on
+from regrasp.planner.scan import LOOKS, Scan, candidate_free, clear_on, look_ahead, stay_on
 from regrasp.planner.supports import STICK
 from regrasp.planner.terms import Terms
 
@@ -186,9 +186,9 @@ def look_over(
         if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, terms.clearance):
             continue
         count += 1
-        ahead.kept[row, c] = outlook_of(hand, path, scan, R_WB, p_WB, start, i, c, terms.clearance, terms.commands)
         p, n_O = ahead.p_O[row, c], ahead.n_O[row, c]
-        reached = stay_on(hand, path, scan, terms.commands, start, i, c, q, p, n_O)
+        reached = stay_on(hand, path, scan, terms.commands, start, i, c, whole(1), q, p, n_O)
+        ahead.kept[row, c] = clear_on(hand, path, scan, R_WB, p_WB, start, i, reached, q, terms.clearance) / LOOKS
         for look in range(LOOKS + 1):
             last = min(look, reached)
             p[look], n_O[look] = p[last], n_O[last]
