@@ -331,7 +331,7 @@ def clear_on(
     q: Array,
     clearance: float,
 ) -> int:
-    """At how many looks ahead, of those reached, agent i is clear of fixed bodies and the object, its joints q (LOOKS + 1, n_a)."""
+    """At how many of the looks reached agent i, its joints q (LOOKS + 1, n_a), is clear of fixed bodies and the object."""
     for look in range(1, reached + 1):
         forward(hand.chains, i, q[look], scan.R_WL, scan.p_WL)
         place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
