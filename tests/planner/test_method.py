@@ -23,6 +23,7 @@ from regrasp.planner.task import Settings
 from regrasp.scene.load import builtin, dump, load
 from regrasp.scene.schema import Scene
 from regrasp.search.annealing import Settings as Annealing
+from regrasp.settings import read
 from regrasp.verify.check import check
 
 QUICK = Settings(local=LocalPlanner(annealing=Annealing(iterations=400, trials=50)))
@@ -193,7 +194,8 @@ def test_a_run_that_is_short_of_time_says_what_it_has(name: str, limit: float) -
     """Either a plan that proves itself, or the reason and a plan that says that it is not feasible and whose answer can be
     printed; `check` looks at it without failing, and refuses it where it does not end at the goal."""
     for seed in range(2):
-        outcome = plan_scene(load(name), seed, Settings(time_limit=limit))
+        scene = load(name)
+        outcome = plan_scene(scene, seed, dataclasses.replace(read(Settings, scene.planner), time_limit=limit))
         plan = outcome.plan
         assert plan is not None
         assert plan.feasible is (outcome.failure is None)

@@ -80,7 +80,7 @@ def staying(a: Arc) -> ContactMotions:
 def stands(problem: ContactMotions, j: int, i: int, c: int) -> int:
     """Agent i's configuration on candidate c at the end of interval j, 0 for none."""
     hand, path, scan, terms, found, _ = problem.model
-    return standing(hand, path, scan, found, j + 1, i, c, terms.clearance, terms.commands)
+    return standing(hand, path, scan, found, j + 1, i, c, terms.clearance)
 
 
 def bearing(problem: ContactMotions, j: int, end: int, but: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
