@@ -49,6 +49,12 @@ def is_full(hand: Hand, i: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def wanders(hand: Hand, i: int) -> bool:
+    """Whether agent i's contacts move though they need not: its tip turns as its few joints make it, out of a plane."""
+    return not is_full(hand, i) and hand.needed > 2
+
+
+@njit(cache=True, nogil=True)
 def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
     """Whether a six-joint agent is far enough from its singularities to follow the object.
 

@@ -18,7 +18,7 @@ from regrasp.planner.assemble import Segment
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.follow import is_full
+from regrasp.planner.follow import wanders
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
@@ -109,9 +109,9 @@ def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[S
 
 
 def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> None:
-    """Write into V how the agents of fewer than six joints that hold the object keep their contacts, as far as they can."""
+    """Write into V how the agents that hold the object and wander keep their contacts, as far as they can."""
     for i in np.flatnonzero(grasp.holds).tolist():
-        if is_full(hand, i):
+        if not wanders(hand, i):
             continue
         mine = slice(hand.chains.start[i], hand.chains.start[i + 1])
         p_OC, p_TC, R_OT, q = grasp.p_OC[i].copy(), grasp.p_TC[i].copy(), grasp.R_OT[i].copy(), grasp.q[mine].copy()
@@ -124,10 +124,16 @@ def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> Non
 
 
 def stay(task: Task, path: Path, grasp: Grasp, stage: str) -> tuple[Segment, Grasp] | Failure:
-    """All agents keep what they do: those that hold their contacts, rolling if they must, the others off."""
-    V = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (len(path.R_WO), 1))
+    """All agents keep what they do: those that hold their contacts, rolling or not, the others off."""
+    still = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (len(path.R_WO), 1))
+    V = still.copy()
     roll(task.hand, path, terms_of(task.hand, task.settings.local).commands, grasp, V)
-    return moved(task, path, grasp, V, stage)
+    made = moved(task, path, grasp, V, stage)
+    if isinstance(made, Failure) and np.any(still != V):
+        # A roll that leaves a joint more room may take the tip to where it touches something.
+        unmoved = moved(task, path, grasp, still, stage)
+        return made if isinstance(unmoved, Failure) else unmoved
+    return made
 
 
 def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) -> tuple[Segment, Grasp] | Failure:
@@ -211,7 +217,7 @@ def without_search(
     the other half. A Planned with a failure has taken hold anew, but can't keep those contacts.
     """
     stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
-    carried, short = whole.support_mode.shape[1] > 0, bool(np.any(np.diff(task.hand.chains.start) < 6))
+    carried, wandering = whole.support_mode.shape[1] > 0, any(wanders(task.hand, i) for i in range(len(task.names)))
     off = task.off if first == 0 else ()
     idle = len(off) if grasp is None else int(np.sum(grasp.holds == 0))
     others = idle >= task.hand.needed  # enough to hold the object by themselves
@@ -227,7 +233,7 @@ def without_search(
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances if short else stances[: STANCES if carried or others else 1]:
+            for stance in stances if wandering else stances[: STANCES if carried or others else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held

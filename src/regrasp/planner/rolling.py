@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
-from regrasp.planner.follow import short_step
+from regrasp.planner.follow import short_step, wanders
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import ROLL_MINUS_Y, STAY, whole
 from regrasp.planner.path import Path, pose_at
@@ -37,7 +37,7 @@ def roll_within(
 ) -> int:  # fmt: skip
     """The contact motion that takes agent i, of fewer than six joints, from one configuration to a later one, or −1 for none.
 
-    Staying, unless joints have less than ROOM left after it and a roll leaves them more. The contact p_OC, p_TC, R_OT and the
+    Staying, unless the tip wanders, joints have less than ROOM left after it and a roll leaves them more. The contact p_OC, p_TC, R_OT and the
     joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
     """
     R_A, p_A = pose_at(path, first)
@@ -48,7 +48,7 @@ def roll_within(
     joints, q_best = np.empty_like(q), np.empty_like(q)
     project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
     best, least = whole(-1), np.inf
-    for code in range(STAY, ROLL_MINUS_Y + 1):
+    for code in range(STAY, (ROLL_MINUS_Y if wanders(hand, i) else STAY) + 1):
         tangents(n, x, y)
         p[:], c[:], R[:], joints[:] = p_OC, p_TC, R_OT, q
         if not short_step(hand, R_A, p_A, R_Z, p_Z, i, commands[code], steps, p, c, R, x, joints, R_WL, p_WL):

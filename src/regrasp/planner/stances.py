@@ -13,7 +13,7 @@ from regrasp.kernels.records import Record
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
-from regrasp.planner.follow import is_full
+from regrasp.planner.follow import wanders
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
@@ -100,7 +100,7 @@ def grasp_cost(
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int16)
     p, normal, t = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3))
     which = np.full(k, -1)
-    cost, start, stick, wanders = 0.0, whole(0), 0, path.support_mode.shape[1] > 0
+    cost, start, stick, looks = 0.0, whole(0), 0, path.support_mode.shape[1] > 0
     for a in range(len(agents)):
         if choice[a] == OUT:
             continue
@@ -109,7 +109,7 @@ def grasp_cost(
         bears[i] = 1
         stick += 1
         cost += terms.outlook * (1.0 - ahead.kept[a, choice[a]])
-        wanders = wanders or not is_full(hand, i)
+        looks = looks or wanders(hand, i)
     if stick == 0 or cost >= bound:
         return np.inf
     for column in range(path.support_mode.shape[1]):
@@ -124,7 +124,7 @@ def grasp_cost(
     contacts_at(which, choice, ahead, whole(LOOKS), p, normal)
     held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, False, lp)
     cost += value if held else 2.0 * terms.outlook
-    if wanders:
+    if looks:
         for look in range(1, LOOKS):
             if cost >= bound:
                 return np.inf
@@ -296,17 +296,17 @@ def find_grasp(
             or tip_hits(hand, i, rest_R[i], rest_p[i], R_WB[0, own:], p_WB[0, own:], 0.0)
         ):
             return Failure("collision", "start", names[i], "its rest posture collides", "another home for the agent")
-    short = not all(is_full(hand, i) for i in agents)
+    wandering = any(wanders(hand, i) for i in agents)
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
-    drawn_from = [longest(row, free) if short else free for row, free in zip(ahead.kept, legal, strict=True)]
+    drawn_from = [longest(row, free) if wandering else free for row, free in zip(ahead.kept, legal, strict=True)]
     counts, table = np.array([len(free) for free in drawn_from]), np.full((len(agents), max(map(len, legal))), OUT)
     for row, free in zip(table, drawn_from, strict=True):
         row[: len(free)] = free
     u, at = rng.random((settings.tries, len(agents))), 0
     fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
     found: dict[tuple[int, ...], float] = {}
-    for _ in range(settings.restarts * (MORE if short else 1)):
+    for _ in range(settings.restarts * (MORE if wandering else 1)):
         at, cost = drawn(*fixed, choice, margins, ahead, lp, table, counts, u, at)
         if cost == np.inf:
             break
