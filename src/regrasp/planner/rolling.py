@@ -37,8 +37,8 @@ def roll_within(
 ) -> int:  # fmt: skip
     """The contact motion that takes agent i, of fewer than six joints, from one configuration to a later one, or −1 for none.
 
-    Staying, unless the tip wanders, joints have less than ROOM left after it and a roll leaves them more. The contact p_OC, p_TC, R_OT and the
-    joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
+    Staying, unless the tip wanders, joints have less than ROOM left after it and a roll leaves them more. The contact p_OC,
+    p_TC, R_OT and the joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
     """
     R_A, p_A = pose_at(path, first)
     R_Z, p_Z = pose_at(path, last)
