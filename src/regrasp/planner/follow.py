@@ -50,8 +50,8 @@ def is_full(hand: Hand, i: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def wanders(hand: Hand, i: int) -> bool:
-    """Whether agent i's contacts move though they need not: its tip turns as its few joints make it, out of a plane."""
-    return not is_full(hand, i) and hand.needed > 2
+    """Whether agent i's contacts may move though nothing asks them to: its tip turns as its few joints make it."""
+    return not is_full(hand, i)
 
 
 @njit(cache=True, nogil=True)
