@@ -7,9 +7,9 @@ the last link. Every pose is X_AB = (R_AB, p_AB).
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, multiply
 
@@ -32,7 +32,7 @@ class Chains(Record):
     p_LT: Array  # (k, 3)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def forward(chains: Chains, a: int, q: Array, R_WL: Array, p_WL: Array) -> None:
     """Poses of chain a's links, [0 … n_a − 1], and of its tip frame T, [n_a], at its joints q (n_a,).
 
@@ -72,7 +72,7 @@ def forward(chains: Chains, a: int, q: Array, R_WL: Array, p_WL: Array) -> None:
         p_WL[n, r] = p[r] + R[r, 0] * o[0] + R[r, 1] * o[1] + R[r, 2] * o[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def jacobian(chains: Chains, a: int, R_WL: Array, p_WL: Array, p_W: Array, J: Array) -> None:
     """Geometric Jacobian J (6, n_a) of the point p_W of chain a's last link, from the poses that `forward` wrote.
 

@@ -8,10 +8,10 @@ configurations, and a V is evaluated by looking up what is known and adding what
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import cross, multiply_back, triple, unit
 from regrasp.kernels.stack import stack
@@ -133,7 +133,7 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def keep_only(found: Configurations, at: Ints) -> None:
     """Forget all configurations but the start's and those in `at` (n + 1, k), which get other numbers, as `at` then says."""
     k, new = at.shape[1], found.number
@@ -158,7 +158,7 @@ def keep_only(found: Configurations, at: Ints) -> None:
     found.resting[:] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy_configuration(found: Configurations, source: int, target: int) -> None:
     """All that is known of a configuration but where it leads."""
     found.q[target] = found.q[source]
@@ -176,7 +176,7 @@ def copy_configuration(found: Configurations, source: int, target: int) -> None:
     found.R_WG[target], found.p_WG[target] = found.R_WG[source], found.p_WG[source]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add(found: Configurations) -> int:
     """A new configuration, nothing known of it yet."""
     c = found.used[0]
@@ -187,7 +187,7 @@ def add(found: Configurations) -> int:
     return c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
     """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of configuration c."""
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
@@ -197,7 +197,7 @@ def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
         normal_at(hand, found.p_OC[c], found.n_O[c])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def standing(
     hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float
 ) -> int:
@@ -221,7 +221,7 @@ def standing(
     return c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
     """Agent i in its rest posture at the end of interval j − 1."""
     c = found.resting[i, j]
@@ -235,14 +235,14 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
     return c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
     _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow_contact(
     hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int
 ) -> int:
@@ -273,7 +273,7 @@ def follow_contact(
     return there
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def keep_still(found: Configurations, here: int) -> int:
     """An agent that is off the object stays where it is."""
     there = add(found)
@@ -283,7 +283,7 @@ def keep_still(found: Configurations, here: int) -> int:
     return there
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def onward(
     hand: Hand, path: Path, scan: Scan, commands: Array, clearance: float, found: Configurations, j: int, i: int,
     here: int, code: int, known: bool,
@@ -313,7 +313,7 @@ def onward(
     return there, behind
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
     """How many blocks of agent i's own bodies collide in its configuration c at the end of interval j − 1."""
     if found.own[c] == UNKNOWN:

@@ -7,17 +7,18 @@ the object at one point.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.distances import distance
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.forces import EDGES, friction_edges
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import minus, triple
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.simplex import OPTIMAL, solve
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import frame
 from regrasp.planner.arcs import Arc
 from regrasp.planner.balance import support_columns
@@ -54,12 +55,15 @@ def touchable(hand: Hand, clearance: float) -> Touchable:
     return Touchable(p_O, n_O, min(map(sharpest, hand.kind_T, hand.size_T)), clearance)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
     """Whether a tip at point c of the object at pose (R, p) is clear of all static bodies and within some agent's reach."""
-    x, core, eye = np.empty(3), np.zeros(3), np.eye(3)
+    x, core, eye = stack(3), stack(3), stack((3, 3))
+    core[:] = 0.0
     for a in range(3):
         x[a] = p[a]
+        for b in range(3):
+            eye[a, b] = 1.0 if a == b else 0.0
         for b in range(3):
             x[a] += R[a, b] * (points.p_O[c, b] + points.tip * points.n_O[c, b])
     near = False
@@ -81,7 +85,7 @@ def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_force(
     hand: Hand, path: Path, j: int, points: Touchable, margins: Margins, strength: float, lp: Program
 ) -> float:
@@ -90,7 +94,9 @@ def least_force(
     start = whole(0)
     lp.b[:3], lp.b[3:] = path.up_O[j, 0], 0.0
     first = support_columns(hand, path, j, start, margins, lp, start)
-    mu = (1.0 - margins.friction) * np.min(hand.mu)
+    mu = np.inf
+    for i in range(len(hand.mu)):
+        mu = min(mu, (1.0 - margins.friction) * hand.mu[i])
     alone = len(hand.tip_geom) == 1
     lp.cap[0] = strength
     status, value, _ = solve(lp, first, False)

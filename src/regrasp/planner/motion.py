@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import heap
 from regrasp.kernels.rotations import multiply_back, rotate_back
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full
@@ -130,7 +130,7 @@ def least_gap(hand: Hand, path: Path, j: int, i: int, fine: Array) -> float:
     return float(nearest(hand, i, fine, turns, between(path.p_WO[j])))
 
 
-@njit(cache=True, nogil=True)
+@heap
 def nearest(hand: Hand, i: int, q: Array, R_WO: Array, p_WO: Array) -> float:
     """Least distance of agent i's tip from the object's surface at the joints q (F, n_a) and the object's poses, m."""
     n_a = q.shape[1]

@@ -1,11 +1,11 @@
 """The free motion of a relocation (paper §3): off the object, over it and down again, clear of everything on the way."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.native import kernel
+from regrasp.kernels.rotations import multiply_back, norm, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
 from regrasp.planner.collision import hits, object_row, place_agent, stands_clear, tip_hits
@@ -26,29 +26,33 @@ WAYS = 4  # direct, over the object at one and at two lift heights, by the rest 
 ROUND = 6  # further ways where the object stands still: along the axes of W, beside it, over it and under it
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lift_height(m: int, s: int, high: float) -> float:
     """Height after s of the m // 4 steps of a lift: quadratic, so that the tip leaves and meets the surface at rest."""
     part = s / (m // 4)
     return high * part * part
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
     """A point p of the object with its normal n to pass over on the way from surface point a to b (O).
 
     Half-way between a and b; for opposite points, whose middle has no side, the side is that of a fixed direction.
     """
-    middle = 0.5 * (a + b)
-    if np.sum(middle * middle) < 0.04 * np.sum(a * a):
-        d = np.array([0.0, 0.0, 1.0]) if abs(a[2]) < 0.8 * np.sqrt(np.sum(a * a)) else np.array([1.0, 0.0, 0.0])
-        middle = d * np.sqrt(np.sum(a * a))
+    middle, size = stack(3), norm(a)
+    for x in range(3):
+        middle[x] = 0.5 * (a[x] + b[x])
+    length = norm(middle)
+    if length < 0.2 * size:
+        middle[:] = 0.0
+        middle[2 if abs(a[2]) < 0.8 * size else 0] = size
     else:
-        middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
+        for x in range(3):
+            middle[x] *= 2.0 * hand.radius / length
     project(hand.kind_O, hand.size_O, hand.grids, middle, p, n)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hover(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, R_OT: Array, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -67,7 +71,7 @@ def hover(
     return reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) < REACHED
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def raise_tip(
     hand: Hand,
     path: Path,
@@ -102,7 +106,7 @@ def raise_tip(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def travel(
     hand: Hand,
     path: Path,
@@ -123,7 +127,7 @@ def travel(
     lifts, lands = found.holds[here] == 1, found.holds[there] == 1
     first = hand.chains.start[i]
     start, end = m // 4 if lifts else 0, m - m // 4 if lands else m
-    middle = np.empty(n_a)
+    middle = stack(n_a)
     for a in range(n_a):
         middle[a] = hand.home[first + a] if way == WAYS - 1 else 0.5 * (q[start, a] + q[end, a])
     if way >= WAYS:
@@ -166,7 +170,7 @@ def travel(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p: Array, count: int) -> None:
     """Poses of bodies at part u between two configurations, straight in every entry.
 
@@ -179,10 +183,10 @@ def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p:
                 R[g, a, b] = (1.0 - u) * A_R[g, a, b] + u * B_R[g, a, b]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def leaps(hand: Hand, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_G: Array) -> bool:
     """Whether a body of agent i goes farther than LEAP between two rows of q; the others: scratch."""
-    before = np.empty_like(p_G)
+    before = stack((len(p_G), 3))
     for s in range(len(q)):
         forward(hand.chains, i, q[s], R_WL, p_WL)
         place_agent(hand, i, R_WL, p_WL, R_G, p_G)
@@ -196,7 +200,7 @@ def leaps(hand: Hand, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def way_clear(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
     q: Array,
@@ -210,10 +214,11 @@ def way_clear(
     rise = m // 4
     lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
     geoms, last = found.p_WG.shape[1], object_row(hand)
-    R_WL, p_WL, here = found.R_WL, found.p_WL, np.empty(n_a)
-    R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
+    R_WL, p_WL, here = found.R_WL, found.p_WL, stack(n_a)
+    R_G, p_G = stack((geoms, 3, 3)), stack((geoms, 3))
+    R_C, p_C = stack((geoms, 3, 3)), stack((geoms, 3))
+    R_B, p_B = stack((len(found.p_WB[j]), 3, 3)), stack((len(found.p_WB[j]), 3))
+    R_B[:], p_B[:] = found.R_WB[j], found.p_WB[j]
     R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
     widest = 0.0
     for s in range(m):
@@ -251,7 +256,7 @@ def way_clear(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def free_motion(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
     q: Array,

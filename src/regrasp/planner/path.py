@@ -1,10 +1,10 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import MESH
 from regrasp.planner.hand import Hand
@@ -36,7 +36,7 @@ class Path(Record):
     support_slot: Ints
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pose_at(path: Path, j: int) -> tuple[Array, Array]:
     """Object pose of configuration j = 0 … n."""
     n, samples = path.R_WO.shape[0], path.R_WO.shape[1]

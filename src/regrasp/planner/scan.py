@@ -5,12 +5,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.grids import Grids
 from regrasp.kernels.inverse import inverse_point, turn_towards
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
@@ -18,7 +18,7 @@ from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
-from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, leap, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path, pose_at
@@ -102,7 +102,7 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def aim(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -143,7 +143,7 @@ def aim(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touch_down(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -158,7 +158,7 @@ def touch_down(
     return lower(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lower(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -183,7 +183,7 @@ def lower(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> None:
     """a_O = where the tip points, in O."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
@@ -191,7 +191,7 @@ def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> 
     rotate_back(R_WO, a_O, a_O)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def candidate_free(
     hand: Hand, path: Path, scan: Scan, R_B: Array, p_B: Array, j: int, i: int, c: int, clearance: float
 ) -> bool:
@@ -259,13 +259,13 @@ def candidate_free(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def look_ahead(n: int, j: int, look: int) -> int:
     """Configuration of look 1 … LOOKS on the way from configuration j to n."""
     return j + (look * (n - j) + LOOKS - 1) // LOOKS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hold_on(
     hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, stride: int,
     q: Array, p: Array, n_O: Array,
@@ -277,7 +277,7 @@ def hold_on(
     p_OC, p_TC, R_OT are scratch for it.
     """
     n, n_a = path.R_WO.shape[0], q.shape[1]
-    R_WL, p_WL, R_WT, p_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3)
+    R_WL, p_WL, R_WT, p_WT = stack((n_a + 1, 3, 3)), stack((n_a + 1, 3)), stack((3, 3)), stack(3)
     for look in range(1, LOOKS + 1):
         first, last = look_ahead(n, j, look - 1), look_ahead(n, j, look)
         q[look], p[look], n_O[look] = q[look - 1], p[look - 1], n_O[look - 1]
@@ -285,7 +285,7 @@ def hold_on(
             R_WO, p_WO = pose_at(path, last)
             tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
             residual = reach_pose(hand, i, R_WT, p_WT, q[look], R_WL, p_WL)
-            if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * max(1, last - first):
+            if residual > REACHED or leap(q[look], q[look - 1]) > JUMP * max(1, last - first):
                 return look - 1
         else:
             for at in range(first, last, stride):
@@ -296,7 +296,7 @@ def hold_on(
     return LOOKS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def outlook_of(
     hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, j: int, i: int, c: int, clearance: float,
     commands: Array,
@@ -309,7 +309,7 @@ def outlook_of(
     if scan.kept[i, j, c] >= 0.0:
         return scan.kept[i, j, c]
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    q, p, n_O = np.zeros((LOOKS + 1, n_a)), np.empty((LOOKS + 1, 3)), np.empty((LOOKS + 1, 3))
+    q, p, n_O = stack((LOOKS + 1, n_a)), stack((LOOKS + 1, 3)), stack((LOOKS + 1, 3))
     kept = 1.0
     if j < n:
         reached = stay_on(hand, path, scan, commands, j, i, c, whole(STRIDE), q, p, n_O)
@@ -318,7 +318,7 @@ def outlook_of(
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clear_on(
     hand: Hand,
     path: Path,
@@ -341,7 +341,7 @@ def clear_on(
     return reached
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stay_on(
     hand: Hand,
     path: Path,
@@ -364,7 +364,7 @@ def stay_on(
     return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, stride, q, p, n_O)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
     """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.native import heap, kernel
 from regrasp.kernels.records import Record
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
@@ -65,7 +65,7 @@ class GraspSearch:
     friction_use: float = 0.6
 
 
-@njit(cache=True, nogil=True)
+@heap
 def indispensable(
     hand: Hand, path: Path, bears: NDArray[np.uint8], p: Array, n: Array, margins: Margins, lp: Program
 ) -> float:
@@ -84,7 +84,7 @@ def indispensable(
     return lost / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+@heap
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, bound: float, lp: Program,
@@ -160,7 +160,7 @@ def grasp_cost(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contacts_at(
     which: NDArray[np.int64], choice: NDArray[np.int64], ahead: Ahead, look: int, p: Array, n: Array
 ) -> None:
@@ -172,7 +172,7 @@ def contacts_at(
                 n[i, x] = ahead.n_O[which[i], choice[which[i]], look, x]
 
 
-@njit(cache=True, nogil=True)
+@heap
 def look_over(
     hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, terms: Terms, row: int, ahead: Ahead
 ) -> int:
@@ -197,7 +197,7 @@ def look_over(
     return count
 
 
-@njit(cache=True, nogil=True)
+@heap
 def improve(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, cost: float, lp: Program,
@@ -224,7 +224,7 @@ def improve(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@heap
 def drawn(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, lp: Program,

@@ -1,10 +1,10 @@
 """One arc sample by sample: what all agents do in every interval, whom they touch, and whether the object is held."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import heap
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
@@ -25,7 +25,7 @@ SAME = 1e-4  # rad: joints traced sample by sample and found in one step must ag
 LOST, NO_WAY = 1, 2
 
 
-@njit(cache=True, nogil=True)
+@heap
 def trace_contact(
     hand: Hand, path: Path, command: Array, j: int, i: int,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, n_O: Array,
@@ -59,7 +59,7 @@ def trace_contact(
     return fine
 
 
-@njit(cache=True, nogil=True)
+@heap
 def sample_hits(
     hand: Hand, path: Path, j: int, q: Array, holds: NDArray[np.uint8], ends: NDArray[np.uint8], clearance: float,
     R_B: Array, p_B: Array, found: NDArray[np.uint8],
@@ -95,7 +95,7 @@ def sample_hits(
                 found[a, k + 1] = 1
 
 
-@njit(cache=True, nogil=True)
+@heap
 def balanced(
     hand: Hand, path: Path, terms: Terms, j: int, bears: NDArray[np.uint8], codes: NDArray[np.int16],
     p_OC: Array, n_O: Array, x_O: Array, work: Work,
@@ -116,7 +116,7 @@ def balanced(
     return True
 
 
-@njit(cache=True, nogil=True)
+@heap
 def trace(
     hand: Hand, path: Path, terms: Terms, found: Configurations, state: State, work: Work,
     joints: Array, p_OC: Array, n_O: Array, x_O: Array, R_OT: Array, bears: Flags, ends: Flags, broken: Flags,
