@@ -263,8 +263,8 @@ def test_a_stance_says_on_which_candidates_its_agents_stand(name: str, off: tupl
             if c == OUT:
                 np.testing.assert_array_equal(q, a.hand.home[a.joints(i)])
             else:
-                np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[i, 0, c])
-                np.testing.assert_array_equal(q, scan.q[i, 0, c, : len(q)])
+                np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[scan.row[i, 0, c]])
+                np.testing.assert_array_equal(q, scan.q[scan.row[i, 0, c], : len(q)])
 
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig4-relocation", "heavy-push"])

@@ -30,7 +30,8 @@ def state(a: Arc, scan: Scan, i: int, c: int) -> tuple[np.ndarray, ...]:
     """p_OC, p_TC, R_OT, q of agent i on the candidate, R_WL, p_WL for its links."""
     p_TC, R_OT, n_a = np.empty(3), np.empty((3, 3)), len(a.hand.home[a.joints(i)])
     touch(a.hand, a.path, scan, 0, i, c, p_TC, R_OT)
-    return scan.p[i, 0, c].copy(), p_TC, R_OT, scan.q[i, 0, c].copy(), np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    row = scan.row[i, 0, c]
+    return scan.p[row].copy(), p_TC, R_OT, scan.q[row].copy(), np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
 
 
 def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() -> None:
@@ -43,7 +44,7 @@ def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() ->
             for code in range(STAY, ROLL_MINUS_Y + 1):
                 p_OC, p_TC, R_OT, q, R_WL, p_WL = state(a, scan, i, c)
                 x = np.empty(3)
-                tangents(scan.n[i, 0, c], x, np.empty(3))
+                tangents(scan.n[scan.row[i, 0, c]], x, np.empty(3))
                 if short_step(a.hand, *poses, i, a.terms.commands[code], steps, p_OC, p_TC, R_OT, x, q, R_WL, p_WL):
                     offered[code] = (cramped(a.hand, i, q), q)
             p_OC, p_TC, R_OT, q, R_WL, p_WL = state(a, scan, i, c)

@@ -26,8 +26,8 @@ from numba.np.arrayobj import (
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False}
-"""numba's, of a kernel."""
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+"""numba's, of a kernel. With numpy's rules a division by zero is inf or NaN and costs no look at the divisor."""
 
 
 def kernel(function: F) -> F:

@@ -21,7 +21,7 @@ from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
 from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.scan import Scan, candidate_free
 from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
@@ -40,9 +40,9 @@ class Configurations(Record):
     that led here, if it slid; R_WG, p_WG (N, g_max, …): poses of the agent's geoms. lost (N,): the workspace condition broke on
     the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
 
-    after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (k, n + 1, C): on candidate c in configuration
-    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object's. number (N,); R_WL, p_WL, of one
-    chain: scratch.
+    after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (rows of the scan,): on that candidate;
+    stood (1,): the last of these rows that is known; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then
+    the object's. number (N,); R_WL, p_WL, of one chain: scratch.
     """
 
     used: Ints
@@ -58,7 +58,8 @@ class Configurations(Record):
     lost: Flags
     own: Flags
     after: Ints
-    standing: Ints
+    standing: NDArray[np.int32]
+    stood: Ints
     resting: Ints
     number: Ints
     R_WB: Array
@@ -116,7 +117,8 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         lost=np.zeros(N, np.uint8),
         own=np.zeros(N, np.uint8),
         after=np.zeros((N, MOTION_COUNT), np.int64),
-        standing=np.zeros((k, n + 1, len(scan.p_O)), np.int64),
+        standing=np.zeros(len(scan.kept), np.int32),
+        stood=np.zeros(1, np.int64),
         resting=np.zeros((k, n + 1), np.int64),
         number=np.zeros(N, np.int64),
         R_WB=R_WB,
@@ -154,7 +156,8 @@ def keep_only(found: Configurations, at: Ints) -> None:
     for j in range(at.shape[0]):
         for i in range(k):
             at[j, i] = new[at[j, i]]
-    found.standing[:] = 0
+    found.standing[: found.stood[0] + 1] = 0
+    found.stood[0] = 0
     found.resting[:] = 0
 
 
@@ -202,22 +205,24 @@ def standing(
     hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float
 ) -> int:
     """Agent i on a candidate at the end of interval j − 1; 0 where it cannot stand there."""
-    c = found.standing[i, j, candidate]
-    if c > 0 or scan.status[i, j, candidate] == BARRED:
-        return c
-    if not candidate_free(hand, path, scan, found.R_WB[j], found.p_WB[j], j, i, candidate, clearance):
+    row = candidate_free(hand, path, scan, found.R_WB[j], found.p_WB[j], j, i, candidate, clearance)
+    if row == 0:
         return 0
+    c = whole(found.standing[row])
+    if c > 0:
+        return c
     c = add(found)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     R_WO, _ = pose_at(path, j)
-    found.q[c] = scan.q[i, j, candidate]
+    found.q[c] = scan.q[row]
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
     place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
-    found.p_OC[c], found.n_O[c] = scan.p[i, j, candidate], scan.n[i, j, candidate]
+    found.p_OC[c], found.n_O[c] = scan.p[row], scan.n[row]
     multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
     under(hand, i, found.R_OT[c], found.n_O[c], found.p_TC[c])
     found.holds[c] = 1
-    found.standing[i, j, candidate] = c
+    found.standing[row] = c
+    found.stood[0] = max(found.stood[0], row)
     return c
 
 

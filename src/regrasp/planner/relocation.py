@@ -92,7 +92,7 @@ def objective(
     the agents that could not be relocated from there; a contact that is about to leave the agent's reach would have to be
     relocated again at once, and others wait for their turn.
     """
-    kept = scan.kept[i, j + 1, candidate]
+    kept = scan.kept[scan.row[i, j + 1, candidate]]
     if kept >= 0.0 and work.floor[j] + terms.outlook * (1.0 - kept) >= bound:
         return np.inf
     others_bear(found, work, state, j, i)

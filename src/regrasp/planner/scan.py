@@ -26,7 +26,7 @@ from regrasp.planner.rolling import roll_within
 from regrasp.planner.tips import over, touches_in_a_point, under
 
 Array = NDArray[np.float64]
-UNKNOWN, FREE, BARRED = 0, 1, 2
+UNKNOWN, BARRED = 0, -1
 AGREEING = 12  # attitudes of a tip and places for them, until they agree
 NEARER = 6  # steps towards a point of the surface that a short chain can touch
 SPINS = 6  # orientations about the tool's axis that an arm tries
@@ -55,15 +55,18 @@ class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands DIRECTIONS times, with as many directions of the tool: against the normal, half-way from there to its
-    direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …):
-    status UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; p, n: the candidate, moved to where an agent of fewer
-    than six joints can touch; q: joints there; kept: part of the coming way on which the contact can be kept, −1 unknown.
+    direction at rest, and as at rest, but by LEAN from the normal at most.
+    row (k, n + 1, C): for each agent and configuration UNKNOWN, BARRED, or, where the candidate is reachable with nothing fixed
+    in the way, its row ≥ 1 in what follows, in the order in which they were found; used (1,): the first row not taken.
+    p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part of the coming
+    way on which the contact can be kept, −1 unknown.
     rest_W (k, 3): where the tip points at rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
     """
 
     p_O: Array
     n_O: Array
-    status: NDArray[np.int8]
+    row: NDArray[np.int32]
+    used: NDArray[np.int64]
     p: Array
     n: Array
     q: Array
@@ -95,9 +98,10 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
         rest_W[i] = R_WL[last - first] @ hand.axis_T[i]
+    rows = 1 + math.prod(shape)  # memory that is not written to is not taken
     return Scan(
-        np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
-        np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
+        np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int32), np.ones(1, np.int64),
+        np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, joints)), np.empty(rows),
         rest_W, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
     )  # fmt: skip
 
@@ -194,15 +198,16 @@ def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> 
 @kernel
 def candidate_free(
     hand: Hand, path: Path, scan: Scan, R_B: Array, p_B: Array, j: int, i: int, c: int, clearance: float
-) -> bool:
-    """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered.
+) -> int:
+    """The row of candidate c for agent i in configuration j, if it can stand there, else 0. Remembered.
 
-    R_B, p_B: poses of the static bodies, then the object's, in configuration j.
+    It can with the point within reach and clear of its own links, of static bodies and the object. R_B, p_B: poses of the
+    static bodies, then the object's, in configuration j.
     """
-    known = scan.status[i, j, c]
+    known = scan.row[i, j, c]
     if known != UNKNOWN:
-        return known == FREE
-    scan.status[i, j, c] = BARRED
+        return max(whole(known), 0)
+    scan.row[i, j, c] = BARRED
     R_WO, p_WO = pose_at(path, j)
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
     p, a_O = stack(3), stack(3)
@@ -212,8 +217,10 @@ def candidate_free(
         p[x] += p_WO[x]
         far += (p[x] - hand.chains.p_WB[i, x]) ** 2
     if far > hand.reach[i] ** 2:
-        return False
-    q, R_WL, p_WL = scan.q[i, j, c, : last - first], scan.R_WL, scan.p_WL
+        return 0
+    # In the next free row, which is taken if the agent can stand there.
+    row = scan.used[0]
+    q, R_WL, p_WL = scan.q[row, : last - first], scan.R_WL, scan.p_WL
     for a in range(last - first):
         q[a] = hand.home[first + a]
     for x in range(3):
@@ -227,11 +234,11 @@ def candidate_free(
             p[x] += along * scan.n_O[c, x]
         across = norm(p)
         if across < 0.1:
-            return False
+            return 0
         turn = min(0.5 * lean * np.arctan2(across, along), LEAN)
         for x in range(3):
             a_O[x] = np.cos(turn) * a_O[x] + np.sin(turn) * p[x] / across
-    point, normal = scan.p[i, j, c], scan.n[i, j, c]
+    point, normal = scan.p[row], scan.n[row]
     for x in range(3):
         point[x], normal[x] = scan.p_O[c, x], scan.n_O[c, x]
     reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
@@ -246,17 +253,17 @@ def candidate_free(
             project(hand.kind_O, hand.size_O, hand.grids, p, point, normal)
             reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not reached or not is_agile(hand, i, R_WL, p_WL):
-        return False
+        return 0
     p_TC, R_OT = stack(3), stack((3, 3))
     multiply_back(R_WO, R_WL[last - first], R_OT)
     under(hand, i, R_OT, normal, p_TC)
     if not touches_in_a_point(hand, i, point, p_TC, R_OT):
-        return False
+        return 0
     place_agent(hand, i, R_WL, p_WL, scan.R_WG, scan.p_WG)
     if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_B, p_B, clearance):
-        return False
-    scan.status[i, j, c] = FREE
-    return True
+        return 0
+    scan.row[i, j, c], scan.used[0], scan.kept[row] = row, row + 1, -1.0
+    return row
 
 
 @kernel
@@ -303,18 +310,18 @@ def outlook_of(
 ) -> float:  # fmt: skip
     """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
 
-    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
+    It can stand there in configuration j. R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
     """
-    n = path.R_WO.shape[0]
-    if scan.kept[i, j, c] >= 0.0:
-        return scan.kept[i, j, c]
+    n, row = path.R_WO.shape[0], scan.row[i, j, c]
+    if scan.kept[row] >= 0.0:
+        return scan.kept[row]
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     q, p, n_O = stack((LOOKS + 1, n_a)), stack((LOOKS + 1, 3)), stack((LOOKS + 1, 3))
     kept = 1.0
     if j < n:
         reached = stay_on(hand, path, scan, commands, j, i, c, whole(STRIDE), q, p, n_O)
         kept = clear_on(hand, path, scan, R_WB, p_WB, j, i, reached, q, clearance) / LOOKS
-    scan.kept[i, j, c] = kept
+    scan.kept[row] = kept
     return kept
 
 
@@ -357,8 +364,9 @@ def stay_on(
 ) -> int:
     """`hold_on` of agent i on candidate c in configuration j; q, p, n_O out."""
     p_OC, p_TC, R_OT = stack(3), stack(3), stack((3, 3))
-    q[0] = scan.q[i, j, c, : q.shape[1]]
-    p[0], n_O[0] = scan.p[i, j, c], scan.n[i, j, c]
+    row = scan.row[i, j, c]
+    q[0] = scan.q[row, : q.shape[1]]
+    p[0], n_O[0] = scan.p[row], scan.n[row]
     p_OC[:] = p[0]
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
     return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, stride, q, p, n_O)
@@ -369,6 +377,7 @@ def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Arra
     """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     R_WO, _ = pose_at(path, j)
-    forward(hand.chains, i, scan.q[i, j, c, :n_a], scan.R_WL, scan.p_WL)
+    row = scan.row[i, j, c]
+    forward(hand.chains, i, scan.q[row, :n_a], scan.R_WL, scan.p_WL)
     multiply_back(R_WO, scan.R_WL[n_a], R_OT)
-    under(hand, i, R_OT, scan.n[i, j, c], p_TC)
+    under(hand, i, R_OT, scan.n[row], p_TC)

@@ -335,6 +335,6 @@ def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], cho
     for i, c in zip(agents.tolist(), choice, strict=True):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
         if c != OUT:
-            candidates[i] = c
-            contacts[i] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
+            candidates[i], row = c, scan.row[i, 0, c]
+            contacts[i] = (scan.q[row, :n_a].copy(), scan.p[row].copy(), scan.n[row].copy())
     return Stance(build_grasp(hand, path.R_WO[0, 0], contacts), candidates)
