@@ -11,7 +11,6 @@ from regrasp.planner.follow import short_step
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.legs import roll
 from regrasp.planner.motions import ROLL_MINUS_Y, STAY
-from regrasp.planner.path import pose_at
 from regrasp.planner.rolling import ROOM, cramped, roll_within
 from regrasp.planner.scan import LOOKS, Scan, candidate_free, stay_on, touch
 from regrasp.planner.trace import trace_contact
@@ -37,7 +36,7 @@ def state(a: Arc, scan: Scan, i: int, c: int) -> tuple[np.ndarray, ...]:
 def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() -> None:
     a = arc("allegro-cube")
     steps, stayed, rolled = a.path.R_WO.shape[1] - 1.0, 0, 0
-    poses = (*pose_at(a.path, 0), *pose_at(a.path, 1))
+    poses = (a.path.R_WO[0, 0], a.path.p_WO[0, 0], a.path.R_WO[1, 0], a.path.p_WO[1, 0])
     for i in range(len(a.task.names)):
         for scan, c in stands(a, i):
             offered = {}

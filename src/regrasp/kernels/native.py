@@ -33,8 +33,8 @@ OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, "error_m
 def kernel(function: F) -> F:
     """Compile a function on arrays, numbers and records that allocates no array (`kernels.stack` has scratch arrays).
 
-    It calls kernels only. It may return arrays that it was given, and views of them. In it `a[…] = b` of two arrays wants
-    equal shapes and no overlap; neither is looked at.
+    It calls kernels only. To them, not to Python, it may return arrays that it was given, and views of them. In it
+    `a[…] = b` of two arrays wants equal shapes and no overlap; neither is looked at.
     """
     return cast(F, njit(**OPTIONS)(function))
 
