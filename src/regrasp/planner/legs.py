@@ -35,7 +35,7 @@ Codes = NDArray[np.int16]
 
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
-HALVINGS = 2  # of an arc along which no contacts can be kept
+HALVINGS = 3  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
 HAND_OVERS = 4  # scans for grasps onto which the object is handed over in the air
 STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
