@@ -36,7 +36,10 @@ class Impedance:
 
 @dataclass(frozen=True)
 class Gains:
-    """Joint stiffness K and damping D (nq,), agent after agent: N m/rad and N m s/rad, or N/m and N s/m."""
+    """Joint stiffness K and damping D (nq,), agent after agent: N m/rad and N m s/rad, or N/m and N s/m.
+
+    Zero for joints that follow others, which have no drives.
+    """
 
     K: Array
     D: Array
@@ -61,24 +64,28 @@ def gains(world: World, joints: Array, settings: Impedance, period: float) -> Ga
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    K, D = [], []
+    K: list[Array] = []
+    D: list[Array] = []
     for agent in world.agents:
         J = np.empty((3, model.nv))
         mujoco.mj_jac(model, data, J, None, data.geom_xpos[agent.tip_geom], agent.tip_body)
-        lever = np.linalg.norm(J[:, agent.dofs], axis=0)
-        hinge = model.jnt_type[agent.joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        C, free = agent.coupling.matrix, agent.coupling.free
+        lever = np.linalg.norm(J[:, agent.dofs] @ C, axis=0)
+        hinge = model.jnt_type[agent.joints[free]] == int(mujoco.mjtJoint.mjJNT_HINGE)
         # A slide's lever is 1, not a length. A hinge through the tip's centre still moves its surface.
         least = max(settings.lever * lever[hinge].max(initial=0.0), model.geom_rbound[agent.tip_geom])
-        inertia = M[np.ix_(agent.dofs, agent.dofs)]
-        free = 1.0 / np.diag(np.linalg.inv(inertia))
+        inertia = C.T @ M[np.ix_(agent.dofs, agent.dofs)] @ C
+        least_inertia = 1.0 / np.diag(np.linalg.inv(inertia))
         stiffness = settings.stiffness * np.where(hinge, np.maximum(lever, least), lever) ** 2
-        stiffness = np.minimum(stiffness, (STEADY / period) ** 2 * free)
+        stiffness = np.minimum(stiffness, (STEADY / period) ** 2 * least_inertia)
         moved = np.diag(inertia) + model.body_mass[world.object_body] * lever**2
         wanted = 2.0 * settings.damping * np.sqrt(stiffness * moved)
-        damping = np.maximum(wanted - model.dof_damping[agent.dofs], 0.0)  # the joint's own friction damps too
+        # The joints' own friction damps too.
+        damping = np.maximum(wanted - model.dof_damping[agent.dofs] @ C**2, 0.0)
         fastest = period * np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping))).real.max()
-        K.append(stiffness)
-        D.append(damping / max(1.0, fastest))
+        for row, values in ((K, stiffness), (D, damping / max(1.0, fastest))):
+            row.append(np.zeros(len(free)))
+            row[-1][free] = values
     return Gains(np.concatenate(K), np.concatenate(D))
 
 

@@ -18,6 +18,7 @@ from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.rotations import Array
 from regrasp.planner.hulls import hull_core, widened
 from regrasp.scene import collisions
+from regrasp.scene.couplings import coupling
 from regrasp.scene.fits import Primitive
 from regrasp.scene.links import Part
 
@@ -32,28 +33,45 @@ def name_of(model: mujoco.MjModel, kind: mjtObj, index: int) -> str:
     return f"{word} {mujoco.mj_id2name(model, kind, index) or index}"
 
 
-def chains_from(model: mujoco.MjModel, joints: Sequence[Sequence[int]], tips: Sequence[int]) -> Chains:
+def chains_from(
+    model: mujoco.MjModel, joints: Sequence[Sequence[int]], tips: Sequence[int], margin: float = 0.0
+) -> Chains:
     """Chains of the agents: agent a moves joints[a] (ids, base to tip) and ends in the frame of geom tips[a].
 
-    A chain's joint values come in the order of its ids. MuJoCo's `ref` is honoured: a value is a qpos. Raises
+    A chain's joint values come in the order of its ids. MuJoCo's `ref` is honoured: a value is a qpos. margin: rad or m kept
+    from the joint limits. A joint that follows another has no limits of its own: they narrow its master's. Raises
     InputError, naming the joint, for ball and free joints, for a joint on the way from the tip to the world that is
     not listed, and for a listed one that is not on it or out of order.
     """
     rows = [_chain(model, list(ids), tip) for ids, tip in zip(joints, tips, strict=True)]
     ids = np.array([j for row in joints for j in row], dtype=np.int64)
     limited = model.jnt_limited[ids].astype(bool)
+    lower = np.where(limited, model.jnt_range[ids, 0] + margin, -np.inf)
+    upper = np.where(limited, model.jnt_range[ids, 1] - margin, np.inf)
+    couplings = [coupling(model, np.array(row, np.int64)) for row in joints]
+    first = 0
+    for each in couplings:
+        mine = slice(first, first + len(each.master))
+        first = mine.stop
+        # What a master passes its limits by, a follower of a larger gain passes its own by more: it keeps as much more margin.
+        more = margin * np.maximum(0.0, np.abs(each.gain) - 1.0)
+        lower[mine], upper[mine] = each.narrowed(lower[mine] + more, upper[mine] - more)
     return Chains(
         start=np.cumsum([0, *(len(row) for row in joints)], dtype=np.int64),
         kind=np.where(model.jnt_type[ids] == mjtJoint.mjJNT_HINGE, HINGE, SLIDE).astype(np.int64),
         R_PJ=np.array([R for frames, _, _ in rows for R, _ in frames]),
         p_PJ=np.array([p for frames, _, _ in rows for _, p in frames]),
         axis=np.array(model.jnt_axis[ids]),
-        lower=np.where(limited, model.jnt_range[ids, 0], -np.inf),
-        upper=np.where(limited, model.jnt_range[ids, 1], np.inf),
+        lower=lower,
+        upper=upper,
         R_WB=np.array([R for _, (R, _), _ in rows]),
         p_WB=np.array([p for _, (_, p), _ in rows]),
         R_LT=np.array([R for _, _, (R, _) in rows]),
         p_LT=np.array([p for _, _, (_, p) in rows]),
+        free=np.array([np.count_nonzero(each.free) for each in couplings], dtype=np.int64),
+        master=np.concatenate([each.master for each in couplings]),
+        gain=np.concatenate([each.gain for each in couplings]),
+        offset=np.concatenate([each.offset for each in couplings]),
     )
 
 

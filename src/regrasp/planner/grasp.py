@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward
+from regrasp.kernels.chains import couple, forward
 from regrasp.kernels.surfaces import project
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand
@@ -12,6 +12,7 @@ from regrasp.planner.path import Path
 from regrasp.planner.scan import lower, touch_down
 from regrasp.planner.tips import tip_gap, under
 from regrasp.scene.schema import Contact
+from regrasp.scene.world import COUPLED
 
 Array = NDArray[np.float64]
 NEAR = 0.03  # m from the object, to which joints given for a grasp bring a tip at least
@@ -56,6 +57,14 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             q = np.array(contact.joints, float)
             if len(q) != last - first:
                 return Failure("grasp", "start.grasp", contact.agent, f"{len(q)} joint values", f"give {last - first}")
+            coupled = q.copy()
+            couple(hand.chains, i, coupled)
+            if np.max(np.abs(coupled - q)) > COUPLED:
+                joint = int(np.argmax(np.abs(coupled - q)))
+                return Failure(
+                    "grasp", "start.grasp", contact.agent, f"joint value {joint + 1} is {q[joint]:g}, but follows another",
+                    f"give {coupled[joint]:.7g}",
+                )  # fmt: skip
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
             gap = tip_gap(hand, i, R_WO.T @ R_WL[last - first], centre, foot, n)

@@ -1,7 +1,5 @@
 """The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,9 +103,8 @@ def hand_of(world: World) -> Hand:
     joints = [agent.joints.tolist() for agent in agents]
     index = geom_index(world)
     parts = parts_of(world, np.concatenate([*map(solids_of, agents), world.static_geoms]))
-    chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
     # Between two samples a plan's spline passes their joint values by a little.
-    chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
+    chains = chains_from(model, joints, [agent.tip_geom for agent in agents], RANGE_MARGIN)
     bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes)
     tips = [index[agent.tip_geom][0] for agent in agents]
     for row, agent in zip(tips, agents, strict=True):
@@ -160,8 +157,9 @@ def hand_of(world: World) -> Hand:
 def stretched(chains: Chains, i: int) -> float:
     """How far agent i's tip gets from its base at most, m: all links in a line, all slides at their ends."""
     mine = slice(chains.start[i], chains.start[i + 1])
-    slides = chains.kind[mine] == SLIDE
-    travel = np.maximum(np.abs(chains.lower[mine]), np.abs(chains.upper[mine]))[slides]
+    slides, masters = chains.kind[mine] == SLIDE, chains.start[i] + chains.master[mine]
+    ends = chains.offset[mine] + chains.gain[mine] * np.array([chains.lower[masters], chains.upper[masters]])
+    travel = np.max(np.abs(ends), axis=0)[slides]
     links = np.linalg.norm(chains.p_PJ[mine], axis=1)
     return float(np.sum(links) + np.sum(travel) + np.linalg.norm(chains.p_LT[i]))
 

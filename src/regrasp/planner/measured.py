@@ -51,6 +51,7 @@ def measured_grasp(
     the tip; the agent's joints are corrected until it is exact. All other agents are where they are.
     """
     hand, (R_WO, p_WO) = task.hand, X_WO
+    q = task.world.coupling.expand(q)
     contacts: dict[int, tuple[Array, Array, Array]] = {}
     for i, name in enumerate(task.names):
         mine = q[hand.chains.start[i] : hand.chains.start[i + 1]].copy()

@@ -28,10 +28,10 @@ def nearest(world: World, agent: Agent, position: Array, quaternion: Array) -> f
     data.qpos[world.object_qpos : world.object_qpos + 7] = [*position, *quaternion]
     hinge = model.jnt_type[agent.joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
     wide = np.where(hinge, np.pi, 1.0)
-    lower = np.where(np.isfinite(agent.lower), agent.lower, -wide)
-    upper = np.where(np.isfinite(agent.upper), agent.upper, wide)
+    lower, upper = agent.coupling.narrowed(agent.lower, agent.upper)
+    lower, upper = np.where(np.isfinite(lower), lower, -wide), np.where(np.isfinite(upper), upper, wide)
     rng = np.random.default_rng(0)
-    postures = np.vstack([agent.home, rng.uniform(lower, upper, (SAMPLES, len(lower)))])
+    postures = agent.coupling.expand(np.vstack([agent.home, rng.uniform(lower, upper, (SAMPLES, len(lower)))]))
     distances = [_distance(world, agent, data, q)[0] for q in postures]
     found = FAR
     for i in np.argsort(distances)[:BEST]:
@@ -53,9 +53,9 @@ def _improved(world: World, agent: Agent, data: mujoco.MjData, q: Array, lower: 
             break
         mujoco.mj_comPos(model, data)
         mujoco.mj_jac(model, data, J, None, on_tip, agent.tip_body)
-        mine = J[:, agent.dofs]
+        mine = agent.coupling.reduce(J[:, agent.dofs])
         step = mine.T @ np.linalg.solve(mine @ mine.T + DAMPING * np.eye(3), on_object - on_tip)
-        q = np.clip(q + step, lower, upper)
+        q = agent.coupling.expand(np.clip(q + step, lower, upper))
     return least
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, ends, models, tips
+from regrasp.scene import collisions, couplings, ends, models, tips
 from regrasp.scene.forms import OwnModel
 from regrasp.scene.pose import multiply
 from regrasp.scene.schema import Scene, Tip
@@ -37,7 +37,7 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
     robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
     moving = [joint for chain in chains for joint in chain]
-    _require_open(robot, moving)
+    repairs += couplings.settle(robot, chains)
     _strip(robot, moving)
     repairs += _part_neighbours(robot, _home(robot, chains, scene))
     for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
@@ -92,29 +92,6 @@ def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
             raise InputError(field, f"no joint moves {agent.tip_name!r}", "the tip is at the end of a chain of joints")
         chains.append(joints[::-1])
     return chains
-
-
-def _require_open(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
-    """Drops the equality constraints that bind no agent; raises InputError for one that does."""
-    joints = {joint.name for joint in moving}
-    driven = {joint.parent.id for joint in moving}
-    bodies = set()
-    for body in robot.bodies[1:]:
-        above = body
-        while above.id != 0 and above.id not in driven:
-            above = above.parent
-        if above.id != 0:
-            bodies.add(body.name)
-    for equality in list(robot.equalities):
-        ends = {equality.name1, equality.name2}
-        couples = equality.type == mujoco.mjtEq.mjEQ_JOINT
-        closes = equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
-        on_bodies = equality.objtype == mujoco.mjtObj.mjOBJ_BODY
-        if not ((couples and not ends & joints) or (closes and on_bodies and not ends & bodies)):
-            who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
-            hint = "agents are open chains of hinges and slides, each joint free of the others"
-            raise InputError("model", f"an equality constraint binds {who}", hint)
-        robot.delete(equality)
 
 
 def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
@@ -186,6 +163,7 @@ def _part_neighbours(robot: mujoco.MjSpec, home: dict[str, float]) -> list[str]:
     data = mujoco.MjData(model)
     for j in range(model.njnt):
         data.qpos[model.jnt_qposadr[j]] = home.get(model.joint(j).name, _rest(model, j))
+    data.qpos[:] = couplings.coupling(model, np.arange(model.njnt)).expand(data.qpos)
     mujoco.mj_kinematics(model, data)
     said = []
     for a, b, depth in collisions.overlaps(model, data):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
+from regrasp.scene.couplings import Coupling, coupling
 from regrasp.scene.forms import OwnModel
 from regrasp.scene.grids import Grid
 from regrasp.scene.links import Links, links
@@ -22,6 +23,8 @@ from regrasp.scene.strength import normal_force
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
+COUPLED = 1e-6
+"""By so much, rad or m, a value given to a joint may miss what the joint that it follows asks for."""
 MAX_FORCE = 10.0
 """Largest normal force of a tip where neither scene nor model says one, N."""
 
@@ -33,8 +36,8 @@ class Agent:
     tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
     tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
     velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
-    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
-    coefficient between tip and object. Arrays are (n,), n the number of joints.
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; coupling: which joints follow others; max_force: largest
+    normal force, N; friction: coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str
@@ -52,8 +55,14 @@ class Agent:
     upper: Array
     speed: Array
     home: Array
+    coupling: Coupling
     max_force: float
     friction: float
+
+    @property
+    def freedom(self) -> int:
+        """How many of its joints follow no other."""
+        return int(np.count_nonzero(self.coupling.free))
 
 
 @dataclass(frozen=True)
@@ -100,6 +109,11 @@ class World:
     def joint_dofs(self) -> Ids:
         """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
         return np.concatenate([agent.dofs for agent in self.agents])
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Which of all agents' joints (nq,) follow others."""
+        return coupling(self.model, np.concatenate([agent.joints for agent in self.agents]))
 
     @cached_property
     def repairs(self) -> tuple[str, ...]:
@@ -238,18 +252,32 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     limited = model.jnt_limited[joints] != 0
     lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
     upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
-    home = finger.home if finger.home is not None else np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper)
+    coupled = coupling(model, joints)
+    least, most = coupled.narrowed(lower, upper)
+    for i in np.flatnonzero(least > most):
+        name = model.joint(int(joints[i])).name
+        raise InputError(
+            f"{field}.tip", f"joint {name!r} and those that follow it have no value in common", "their ranges"
+        )
+    home = coupled.expand(np.clip(model.qpos0[model.jnt_qposadr[joints]], least, most))
+    if finger.home is not None:
+        home = np.array(finger.home, dtype=float)
     if len(home) != len(joints):
         raise InputError(
             f"{field}.home", f"{len(home)} values for {len(joints)} joints", "one value per joint, base to tip"
         )
+    for i in np.flatnonzero(np.abs(coupled.expand(home) - home) > COUPLED):
+        who, other = (model.joint(int(j)).name for j in joints[[i, coupled.master[i]]])
+        reason = f"value {i + 1} is {home[i]:g}, but {who!r} follows {other!r}"
+        raise InputError(f"{field}.home", reason, f"{coupled.expand(home)[i]:.7g}")
+    home = coupled.expand(home)
     for i in np.flatnonzero((home < lower) | (home > upper)):
         reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
         raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
     qpos = model.qpos0.copy()
     qpos[model.jnt_qposadr[joints]] = home
     own = isinstance(scene.model, OwnModel)
-    strength = normal_force(model, qpos, joints, tip, friction) if own else None
+    strength = normal_force(model, qpos, joints, coupled, tip, friction) if own else None
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
@@ -267,7 +295,8 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         speed=robots.speeds(model, joints)
         if finger.speed is None
         else np.broadcast_to(finger.speed, len(joints)).copy(),
-        home=np.array(home, dtype=float),
+        home=home,
+        coupling=coupled,
         max_force=(spec.max_force if spec else None) or scene.max_force or strength or MAX_FORCE,
         friction=friction,
     )
