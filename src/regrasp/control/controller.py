@@ -52,8 +52,7 @@ class Controller:
         self._give = np.divide(1.0, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0.0)
         self._most = np.array([agent.max_force for agent in world.agents])
         self._tips = [agent.tip_geom for agent in world.agents]
-        joints = np.array([len(agent.qpos) for agent in world.agents])
-        self._owner = np.repeat(np.arange(len(joints)), joints)
+        self._owner = np.repeat(np.arange(len(world.limbs)), [len(limb.qpos) for limb in world.limbs])
         freedoms = np.array([agent.freedom for agent in world.agents])
         self._weight = weights(freedoms, self._model.geom_rbound[self._tips])
 

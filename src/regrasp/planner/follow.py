@@ -142,8 +142,8 @@ def reach_tip(
 
     Returns whether they are reached without a jump from the joints `before`.
     """
-    R_WT, p_WT = stack((3, 3)), stack(3)
-    tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
+    R_WT, p_WT, b = stack((3, 3)), stack(3), hand.base[i]
+    tip_target(path.R_PO[b, j, s], path.p_PO[b, j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
         return False
     furthest = 0.0
@@ -311,11 +311,11 @@ def follow(
     if is_full(hand, i):
         kept = roll(hand, i, command, SUBSTEPS if plain(hand, i) else m, p_OC, p_TC, R_OT, x_O)
         return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL) and kept
-    fine = True
+    fine, b = True, hand.base[i]
     step = command / m
     for s in range(m):
         if not short_step(
-            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            hand, path.R_PO[b, j, s], path.p_PO[b, j, s], path.R_PO[b, j, s + 1], path.p_PO[b, j, s + 1], i, step, 1.0,
             p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL,
         ):  # fmt: skip
             fine = False

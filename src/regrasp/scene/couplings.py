@@ -86,7 +86,7 @@ def settle(robot: mujoco.MjSpec, chains: list[list[mujoco.MjsJoint]]) -> list[st
     raises InputError for a constraint that binds an agent in another way.
     """
     said = _of_tendons(robot, chains)
-    owner = {joint.name: i for i, chain in enumerate(chains) for joint in chain}
+    owner = {joint: i for joint, (i, _) in _places(chains).items()}
     bodies = _bodies(robot, chains)
     masters: dict[str, str] = {}
     for equality in list(robot.equalities):
@@ -127,6 +127,15 @@ def settle(robot: mujoco.MjSpec, chains: list[list[mujoco.MjsJoint]]) -> list[st
     return said
 
 
+def _places(chains: list[list[mujoco.MjsJoint]]) -> dict[str, tuple[int, int]]:
+    """Joint → (its agent, −1 for one that several share; its place in the chain)."""
+    places: dict[str, tuple[int, int]] = {}
+    for i, chain in enumerate(chains):
+        for at, joint in enumerate(chain):
+            places[joint.name] = (i if joint.name not in places else -1, at)
+    return places
+
+
 def _require_free_masters(masters: dict[str, str]) -> None:
     for name in masters:
         seen, at = {name}, name
@@ -156,7 +165,7 @@ def _of_tendons(robot: mujoco.MjSpec, chains: list[list[mujoco.MjsJoint]]) -> li
     Σ c_i (q_i − q_i,0) of the first tendon is a + b times that of the second, if there is one. The joint nearer to the tip
     follows.
     """
-    order = {joint.name: (i, at) for i, chain in enumerate(chains) for at, joint in enumerate(chain)}
+    order = _places(chains)
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     said, bound = [], set()
     for equality in list(robot.equalities):
@@ -171,7 +180,7 @@ def _of_tendons(robot: mujoco.MjSpec, chains: list[list[mujoco.MjsJoint]]) -> li
         if not equality.active or not set(terms) & set(order):
             robot.delete(equality)
             continue
-        if len(terms) != 2 or len({order.get(joint, (-1, 0))[0] for joint in terms}) > 1:
+        if len(terms) != 2 or len({order.get(joint, (-2, 0))[0] for joint in terms}) > 1:
             raise InputError("model", f"an equality constraint of {name} couples {_listed(terms)}", FOLLOWER)
         if np.any(equality.data[(1 if not equality.name2 else 2) : 5] != 0.0):
             raise InputError("model", f"an equality constraint of {name} couples {_listed(terms)} by a curve", FOLLOWER)

@@ -70,7 +70,7 @@ def number_findings(plan: Plan) -> list[Finding]:
 def name_findings(plan: Plan, world: World) -> list[Finding]:
     """The agents, joints and supports are the world's."""
     agents = tuple(agent.name for agent in world.agents)
-    joints = tuple(world.model.joint(int(i)).name for agent in world.agents for i in agent.joints)
+    joints = tuple(world.model.joint(int(i)).name for limb in world.limbs for i in limb.joints)
     unknown = [name for name in plan.support_names if name not in world.support_names]
     differ = int(plan.agent_names != agents) + int(plan.joint_names != joints) + len(unknown)
     return [Finding("names", "agents, joints or supports that are not the model's", differ, 0.0, "")]
@@ -118,7 +118,7 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
         np.linalg.norm(plan.object_position[1:, 0] - plan.object_position[:-1, -1], axis=1),
         turns,
     ]
-    lower, upper, speed = (np.concatenate([getattr(agent, key) for agent in world.agents])
+    lower, upper, speed = (np.concatenate([getattr(limb, key) for limb in world.limbs])
                            for key in ("lower", "upper", "speed"))  # fmt: skip
     beyond = np.maximum(0.0, np.maximum(lower - motion.joints, motion.joints - upper))
     stride = np.linalg.norm(np.diff(motion.geom_xpos, axis=1), axis=-1).max(axis=-1)

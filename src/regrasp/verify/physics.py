@@ -78,26 +78,23 @@ class Drives:
 
 
 def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
-    """Gives every agent joint that has no actuator and follows no other an impedance drive; its force limit holds too."""
+    """Gives every limb's joint that has no actuator and follows no other an impedance drive; its force limit holds too."""
     model = world.model
     driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
-    at = 0
-    for agent in world.agents:
-        for joint in agent.joints:
-            if int(joint) not in driven and world.coupling.free[at]:
-                actuator = spec.add_actuator(
-                    name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
-                    trntype=mujoco.mjtTrn.mjTRN_JOINT, gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-                    biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-                )  # fmt: skip
-                actuator.gainprm[0] = wanted.K[at]
-                actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
-            at += 1
+    for at, joint in enumerate(world.joints):
+        if int(joint) not in driven and world.coupling.free[at]:
+            actuator = spec.add_actuator(
+                name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
+                trntype=mujoco.mjtTrn.mjTRN_JOINT, gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            )  # fmt: skip
+            actuator.gainprm[0] = wanted.K[at]
+            actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
 
 
 def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
     """The drives of a model in which every agent joint that follows no other has its actuator."""
-    joints = np.concatenate([agent.joints for agent in world.agents])
+    joints = world.joints
     driven = np.flatnonzero(world.coupling.free)
     at = []
     for joint in joints[driven]:
@@ -159,7 +156,7 @@ class Physics:
         self.world = world
         self._qpos = world.joint_qpos
         self._dofs = world.joint_dofs
-        self._borne = model.jnt_actgravcomp[np.concatenate([agent.joints for agent in world.agents])] != 0
+        self._borne = model.jnt_actgravcomp[world.joints] != 0
         self._asked = np.zeros(len(self._qpos))
         pose = world.scene.start.pose
         turned = Rotation.from_rotvec(reality.turn) * Rotation.from_quat(pose.wxyz, scalar_first=True)
