@@ -73,7 +73,7 @@ def test_a_contact_that_can_be_kept_is_kept_at_every_sample() -> None:
             q, p, n_O = np.zeros((LOOKS + 1, 4)), np.zeros((LOOKS + 1, 3)), np.zeros((LOOKS + 1, 3))
             if stay_on(a.hand, a.path, scan, a.terms.commands, 0, i, c, 1, q, p, n_O) < LOOKS:
                 continue
-            grasp = build_grasp(a.hand, a.path.R_WO[0, 0], {i: (q[0], p[0], n_O[0])})
+            grasp = build_grasp(a.hand, a.path, {i: (q[0], p[0], n_O[0])})
             V = np.zeros((n, len(a.task.names)), np.int16)
             roll(a.hand, a.path, a.terms.commands, grasp, V)
             rows = [np.zeros((m + 1, 3)) for _ in range(4)]

@@ -5,7 +5,7 @@ Both start from the joints handed in and stay on their branch: continuations alo
 
 import math
 
-from regrasp.kernels.chains import Chains, forward, jacobian
+from regrasp.kernels.chains import Chains, couple, forward, jacobian
 from regrasp.kernels.native import kernel
 from regrasp.kernels.rates import meet_task, solve
 from regrasp.kernels.rotations import Array, cross, dot, log, multiply_back, norm, rotate
@@ -101,6 +101,7 @@ def _converge(
     e, e_new, y, step, old = V[0], V[1], V[2], S[0], S[1]
     for i in range(n):
         q[i] = min(max(q[i], lower[i]), upper[i])
+    couple(chains, a, q)
     forward(chains, a, q, R_WL, p_WL)
     error = _error(R_WT, p_WT, m, R_WL[n], p_WL[n], E, e)
     held, factor, current = False, DAMPING, True
@@ -113,6 +114,7 @@ def _converge(
         for i in range(n):
             old[i] = q[i]
             q[i] = min(max(q[i] + step[i], lower[i]), upper[i])
+        couple(chains, a, q)
         forward(chains, a, q, R_WL, p_WL)
         error_new = _error(R_WT, p_WT, m, R_WL[n], p_WL[n], E, e_new)
         current = error_new < error
@@ -133,7 +135,7 @@ def _converge(
 
 @kernel
 def inverse(chains: Chains, a: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> tuple[float, bool]:
-    """Joints of chain a that bring its tip frame to the pose (R_WT, p_WT), from q (n_a,) in place; n_a ≥ 6 in general.
+    """Joints of chain a that bring its tip frame to the pose (R_WT, p_WT), from q (n_a,) in place; 6 free ones in general.
 
     Returns (residual, inside): residual = √(|Δp|² + |Δφ|²) with Δp in m and the rotation vector Δφ in rad, < 1e-10
     where the pose is reached; what remains where it is out of reach is a local least-squares error, not a failure of

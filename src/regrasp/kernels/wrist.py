@@ -61,8 +61,8 @@ class Wrists(Record):
 def wrists_of(chains: Chains) -> Wrists:
     """The closed forms of `chains`, whose bases must stay where they are.
 
-    A chain has one if it is six hinges, axes 4, 5 and 6 meet in one point and either axes 2 and 3 are parallel
-    (PARALLEL, taken where both hold) or axes 1 and 2 meet (INTERSECTING), all to EXACT; NONE otherwise.
+    A chain has one if it is six hinges of which none follows another, axes 4, 5 and 6 meet in one point and either axes 2
+    and 3 are parallel (PARALLEL, taken where both hold) or axes 1 and 2 meet (INTERSECTING), all to EXACT; NONE otherwise.
     """
     k = len(chains.start) - 1
     shapes = {"axis": (6, 3), "origin": (3,), "link": (3, 3), "across": (3,), "sine": (), "offset": (), "elbow": (4,)}
@@ -70,7 +70,7 @@ def wrists_of(chains: Chains) -> Wrists:
     wrists = Wrists(kind=np.full(k, NONE), **{name: np.zeros((k, *shape)) for name, shape in shapes.items()})
     for a in range(k):
         joints = slice(chains.start[a], chains.start[a + 1])
-        if joints.stop - joints.start == 6 and (chains.kind[joints] == HINGE).all():
+        if joints.stop - joints.start == 6 == chains.free[a] and (chains.kind[joints] == HINGE).all():
             _study(chains, a, joints, wrists)
     return wrists
 

@@ -196,7 +196,7 @@ class ContactMotions:
 
     def grasp(self, j: int) -> Grasp:
         """The grasp of configuration j under the current V."""
-        return grasp_of(self.model[0], self.found, self.current.at[j])
+        return grasp_of(self.model[0], self.model[1], self.found, self.current.at[j], j)
 
     def trials(self, count: int, rng: np.random.Generator) -> Array:
         """Make those of `count` random moves that don't rise; the rises of the others."""

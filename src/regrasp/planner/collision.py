@@ -7,6 +7,7 @@ from regrasp.kernels.cores import PLANE, SEGMENT
 from regrasp.kernels.distances import boxes_far, distance
 from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import multiply, rotate
+from regrasp.kernels.stack import stack
 from regrasp.planner.hand import Hand
 
 Array = NDArray[np.float64]
@@ -24,9 +25,20 @@ def place(hand: Hand, first: int, last: int, R_WL: Array, p_WL: Array, R_WG: Arr
 
 
 @kernel
-def place_agent(hand: Hand, i: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
-    """World poses of agent i's geoms, in rows from 0, from the frames of its links."""
-    place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+def place_agent(
+    hand: Hand, i: int, R_WP: Array, p_WP: Array, R_PL: Array, p_PL: Array, R_WG: Array, p_WG: Array
+) -> None:
+    """World poses of agent i's geoms, in rows from 0, from the frames of its links in its base P."""
+    first, last = hand.geom_start[i], hand.geom_start[i + 1]
+    place(hand, first, last, R_PL, p_PL, R_WG, p_WG)
+    if hand.base[i] > 0:
+        R, p = stack((3, 3)), stack(3)
+        for g in range(last - first):
+            R[:] = R_WG[g]
+            multiply(R_WP, R, R_WG[g])
+            rotate(R_WP, p_WG[g], p)
+            for a in range(3):
+                p_WG[g, a] = p_WP[a] + p[a]
 
 
 @kernel
@@ -61,8 +73,14 @@ def first_geom(hand: Hand, c: int) -> int:
 
 @kernel
 def object_row(hand: Hand) -> int:
-    """The row of the object's first body among the poses of static bodies and object (`Configurations`)."""
+    """The row of the object's first body among the poses of static bodies, arms and object (`Configurations`)."""
     return hand.object_geom - hand.geom_start[len(hand.tip_geom)]
+
+
+@kernel
+def moving_row(hand: Hand) -> int:
+    """The first row of what moves among the poses of static bodies, arms and object."""
+    return hand.arm_geom - hand.geom_start[len(hand.tip_geom)]
 
 
 @kernel

@@ -5,7 +5,7 @@ on a candidate of the scan, and at rest, it does not even depend on that. So the
 configurations, and a V is evaluated by looking up what is known and adding what is not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,13 @@ from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import cross, multiply_back, triple, unit
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import field, frame
+from regrasp.kernels.surfaces import field as surface
+from regrasp.kernels.surfaces import frame
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
-from regrasp.planner.path import Path, pose_at
+from regrasp.planner.path import Path, base_at, pose_at
 from regrasp.planner.scan import Scan, candidate_free
 from regrasp.planner.tips import under
 
@@ -72,7 +73,7 @@ class Configurations(Record):
 class Grasp:
     """Contacts and joints at one object pose.
 
-    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3).
+    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3); arm_q (nq_a,): joints of the arms that carry hands.
     """
 
     q: Array
@@ -80,16 +81,20 @@ class Grasp:
     p_OC: Array
     p_TC: Array
     R_OT: Array
+    arm_q: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def bodies_along(hand: Hand, path: Path) -> tuple[Array, Array]:
-    """R_WB (n + 1, B, 3, 3), p_WB (n + 1, B, 3): the static bodies, then the object's, at the ends of all intervals."""
+    """R_WB (n + 1, B, …), p_WB: static bodies, then the arms' and the object's, at the ends of all intervals."""
     n = len(path.R_WO)
-    static = slice(hand.geom_start[-1], hand.object_geom)
+    static = slice(hand.geom_start[-1], hand.arm_geom)
     own = slice(hand.object_geom, len(hand.geoms.kind))
     count, first = len(hand.geoms.kind) - hand.geom_start[-1], hand.object_geom - hand.geom_start[-1]
     R_WB, p_WB = np.empty((n + 1, count, 3, 3)), np.empty((n + 1, count, 3))
-    R_WB[:, :first], p_WB[:, :first] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    moving = hand.arm_geom - hand.geom_start[-1]
+    R_WB[:, :moving], p_WB[:, :moving] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    R_WB[:, moving:first] = np.concatenate([path.R_WG[:, 0], path.R_WG[-1:, -1]])
+    p_WB[:, moving:first] = np.concatenate([path.p_WG[:, 0], path.p_WG[-1:, -1]])
     R_WO = np.concatenate([path.R_WO[:, 0], path.R_WO[-1:, -1]])
     p_WO = np.concatenate([path.p_WO[:, 0], path.p_WO[-1:, -1]])
     R_WB[:, first:] = R_WO[:, None] @ hand.geoms.R_LG[own]
@@ -131,7 +136,7 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         found.q[1 + i, : last - first] = start.q[first:last]
         found.holds[1 + i] = start.holds[i]
         found.p_OC[1 + i], found.p_TC[1 + i], found.R_OT[1 + i] = start.p_OC[i], start.p_TC[i], start.R_OT[i]
-        pose_bodies(hand, found, i, 1 + i)
+        pose_bodies(hand, path, found, 0, i, 1 + i)
     return found
 
 
@@ -191,13 +196,20 @@ def add(found: Configurations) -> int:
 
 
 @kernel
-def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
-    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of configuration c."""
+def pose_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
+    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of its configuration c at j."""
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+    put_bodies(hand, path, found, j, i, c)
     found.own[c] = UNKNOWN
     if found.holds[c]:
         normal_at(hand, found.p_OC[c], found.n_O[c])
+
+
+@kernel
+def put_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
+    """Agent i's bodies in its configuration c at j, from the frames of its links in `found`."""
+    R_WP, p_WP = base_at(path, hand.base[i], j)
+    place_agent(hand, i, R_WP, p_WP, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
 
 
 @kernel
@@ -213,10 +225,10 @@ def standing(
         return c
     c = add(found)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    R_WO, _ = pose_at(path, j)
+    R_WO, _ = pose_at(path, hand.base[i], j)
     found.q[c] = scan.q[row]
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+    put_bodies(hand, path, found, j, i, c)
     found.p_OC[c], found.n_O[c] = scan.p[row], scan.n[row]
     multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
     under(hand, i, found.R_OT[c], found.n_O[c], found.p_TC[c])
@@ -227,7 +239,7 @@ def standing(
 
 
 @kernel
-def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
+def resting(hand: Hand, path: Path, found: Configurations, j: int, i: int) -> int:
     """Agent i in its rest posture at the end of interval j − 1."""
     c = found.resting[i, j]
     if c == 0:
@@ -235,7 +247,7 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         found.q[c, : last - first] = hand.home[first:last]
         found.holds[c] = 0
-        pose_bodies(hand, found, i, c)
+        pose_bodies(hand, path, found, j, i, c)
         found.resting[i, j] = c
     return c
 
@@ -243,7 +255,7 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
 @kernel
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
-    _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
+    _, slope = surface(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 
@@ -271,7 +283,7 @@ def follow_contact(
         found.R_WL[: n_a + 1], found.p_WL[: n_a + 1],
     )  # fmt: skip
     found.lost[there] = 0 if fine else 1
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[there], found.p_WG[there])
+    put_bodies(hand, path, found, j + 1, i, there)
     normal_at(hand, found.p_OC[there], n_end)
     if slides:
         slide_direction(code, x, cross(n_end, x), found.t_O[there, 1])
@@ -279,12 +291,15 @@ def follow_contact(
 
 
 @kernel
-def keep_still(found: Configurations, here: int) -> int:
-    """An agent that is off the object stays where it is."""
+def keep_still(hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int) -> int:
+    """Agent i, off the object, keeps its posture through interval j, and is taken along by its base."""
     there = add(found)
     found.q[there] = found.q[here]
     found.holds[there] = 0
-    found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
+    if hand.base[i] > 0:
+        pose_bodies(hand, path, found, j + 1, i, there)
+    else:
+        found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
     return there
 
 
@@ -305,7 +320,7 @@ def onward(
             return there, False
         code, behind = whole(STAY), True
     elif code == OFF and found.holds[here]:
-        return resting(hand, found, j + 1, i), False
+        return resting(hand, path, found, j + 1, i), False
     if not found.holds[here]:
         code = whole(OFF)
     there = found.after[here, code]
@@ -313,7 +328,7 @@ def onward(
         if found.holds[here]:
             there = follow_contact(hand, path, commands[code], found, j, i, here, code)
         else:
-            there = keep_still(found, here)
+            there = keep_still(hand, path, found, j, i, here)
         found.after[here, code] = there
     return there, behind
 
@@ -337,8 +352,9 @@ def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearanc
     return found.own[c]
 
 
-def grasp_of(hand: Hand, found: Configurations, at: Ints) -> Grasp:
-    """The grasp of the agents' configurations at (k,)."""
+def grasp_of(hand: Hand, path: Path, found: Configurations, at: Ints, j: int) -> Grasp:
+    """The grasp of the agents' configurations at (k,) at j."""
     joints = np.diff(hand.chains.start)
     q = np.concatenate([found.q[c, :n_a] for c, n_a in zip(at, joints, strict=True)])
-    return Grasp(q, found.holds[at], found.p_OC[at], found.p_TC[at], found.R_OT[at])
+    arm_q = path.arm_q[j, 0] if j < len(path.arm_q) else path.arm_q[-1, -1]
+    return Grasp(q, found.holds[at], found.p_OC[at], found.p_TC[at], found.R_OT[at], arm_q.copy())

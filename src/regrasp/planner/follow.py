@@ -5,7 +5,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward, jacobian
+from regrasp.kernels.chains import couple, forward, jacobian
 from regrasp.kernels.contact import OK, advance, settle
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.native import kernel
@@ -44,8 +44,8 @@ def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, 
 
 @kernel
 def is_full(hand: Hand, i: int) -> bool:
-    """Whether agent i has the six joints that realise any relative velocity."""
-    return hand.chains.start[i + 1] - hand.chains.start[i] >= 6
+    """Whether agent i has the six free joints that realise any relative velocity."""
+    return hand.chains.free[i] >= 6
 
 
 @kernel
@@ -70,9 +70,9 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
     Turning the tip by 1 rad about any axis, or moving it by the object's radius along any, may take no joint more than
     AGILE rad. Fewer joints have directions they never move in; for them this always holds.
     """
-    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    if n_a < 6:
+    if not is_full(hand, i):
         return True
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     if n_a == 6:
         J6 = stack((6, 6))
         jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J6)
@@ -154,8 +154,8 @@ def reach_tip(
 
     Returns whether they are reached without a jump from the joints `before`.
     """
-    R_WT, p_WT = stack((3, 3)), stack(3)
-    tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
+    R_WT, p_WT, b = stack((3, 3)), stack(3), hand.base[i]
+    tip_target(path.R_PO[b, j, s], path.p_PO[b, j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
         return False
     return leap(q, before) < JUMP
@@ -241,12 +241,15 @@ def short_step(
             )
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
+            couple(hand.chains, i, middle)
     kept = roll(hand, i, step, whole(1), p_OC, p_TC, R_OT, x_O)
     quickest, beyond, first = 0.0, 0.0, hand.chains.start[i]
     for a in range(n_a):
         middle[a] = q[a] = q[a] + dq[a]
         quickest = max(quickest, abs(dq[a]))
         beyond = max(beyond, q[a] - hand.chains.upper[first + a], hand.chains.lower[first + a] - q[a])
+    couple(hand.chains, i, middle)
+    couple(hand.chains, i, q)
     R_WT, p_WT = stack((3, 3)), stack(3)
     tip_target(R_Z, p_Z, p_OC, p_TC, R_OT, R_WT, p_WT)
     # The position alone, in the shortest way: the turn is what the rates made of it.
@@ -318,13 +321,12 @@ def follow(
     if is_full(hand, i):
         kept = roll(hand, i, command, SUBSTEPS if plain(hand, i) else m, p_OC, p_TC, R_OT, x_O)
         return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL) and kept
-    fine = True
-    step = stack(4)
+    fine, b, step = True, hand.base[i], stack(4)
     for a in range(4):
         step[a] = command[a] / m
     for s in range(m):
         if not short_step(
-            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            hand, path.R_PO[b, j, s], path.p_PO[b, j, s], path.R_PO[b, j, s + 1], path.p_PO[b, j, s + 1], i, step, 1.0,
             p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL,
         ):  # fmt: skip
             fine = False

@@ -24,7 +24,7 @@ from regrasp.planner.arcs import Arc
 from regrasp.planner.balance import support_columns
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
-from regrasp.planner.path import Path, Pose, nominal_path
+from regrasp.planner.path import Path, Pose, carried, nominal_path
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support, gap
 from regrasp.planner.tips import sharpest
@@ -70,12 +70,12 @@ def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
     for i in range(len(hand.tip_geom)):
         far = 0.0
         for a in range(3):
-            far += (x[a] - hand.chains.p_WB[i, a]) ** 2
-        near = near or far <= hand.reach[i] ** 2
+            far += (x[a] - hand.origin[i, a]) ** 2
+        near = near or far <= hand.span[i] ** 2
     if not near:
         return False
     geoms = hand.geoms
-    for g in range(hand.geom_start[len(hand.tip_geom)], hand.object_geom):
+    for g in range(hand.geom_start[len(hand.tip_geom)], hand.arm_geom):
         gap = distance(
             whole(0), core, points.tip, eye, x,
             geoms.kind[g], geoms.core[g], geoms.radius[g], geoms.R_LG[g], geoms.p_LG[g], points.clearance,
@@ -145,7 +145,7 @@ def arc_force(
     """
     strength = float(np.sum(hand.cap))
     if not arc.on and all(gap(hand, support, *arc.start) > TOUCH for support in supports):
-        path = in_the_air(arc.goal, gravity)
+        path = in_the_air(hand, arc.goal, gravity)
         return least_force(hand, path, 0, points, margins, strength, program(EDGES * len(points.p_O), 1))
     path = nominal_path(*arc.poses(U), len(U) // 2, 2, gravity, hand, supports)
     lp = program(EDGES * (len(points.p_O) + path.support_mode.shape[1]), 1)
@@ -157,13 +157,14 @@ def arc_force(
     return total / len(LOOKED_AT)
 
 
-def in_the_air(pose: Pose, gravity: Array) -> Path:
+def in_the_air(hand: Hand, pose: Pose, gravity: Array) -> Path:
     """One interval of one step in which the object stands still and nothing carries it."""
-    R, p = pose
+    R, p = (np.array([part, part]) for part in pose)
     g = float(np.linalg.norm(gravity))
-    up_O = -(gravity @ R) / g if g > 0.0 else np.zeros(3)
+    up_O = -(gravity @ pose[0]) / g if g > 0.0 else np.zeros(3)
     none, slots = np.zeros((1, 2, 0, 3)), np.zeros(0, np.int64)
+    bases = carried(hand, R, p, np.tile(hand.arm_home, (2, 1)), np.array([[0, 1]]))
     return Path(
-        np.array([[R, R]]), np.array([[p, p]]), np.array([[up_O, up_O]]), np.zeros((1, 0), np.int64), none, none, none,
-        np.zeros(0), slots, slots,
+        R[None], p[None], np.array([[up_O, up_O]]), np.zeros((1, 0), np.int64), none, none, none, np.zeros(0), slots, slots,
+        *map(np.ascontiguousarray, bases),
     )  # fmt: skip

@@ -40,8 +40,8 @@ def roll_within(
     Staying, unless the tip wanders, joints have less than ROOM left after it and a roll leaves them more. The contact p_OC,
     p_TC, R_OT and the joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
     """
-    R_A, p_A = pose_at(path, first)
-    R_Z, p_Z = pose_at(path, last)
+    R_A, p_A = pose_at(path, hand.base[i], first)
+    R_Z, p_Z = pose_at(path, hand.base[i], last)
     steps = (path.R_WO.shape[1] - 1.0) * (last - first)
     foot, n, x, y = stack(3), stack(3), stack(3), stack(3)
     p, c, R, p_best, c_best, R_best = stack(3), stack(3), stack((3, 3)), stack(3), stack(3), stack((3, 3))

@@ -21,7 +21,7 @@ from regrasp.planner.collision import place_agent, stands_clear
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, leap, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
-from regrasp.planner.path import Path, pose_at
+from regrasp.planner.path import Path, base_at, pose_at
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.tips import over, touches_in_a_point, under
 
@@ -60,7 +60,7 @@ class Scan(Record):
     in the way, its row ≥ 1 in what follows, in the order in which they were found; used (1,): the first row not taken.
     p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part of the coming
     way on which the contact can be kept, −1 unknown.
-    rest_W (k, 3): where the tip points at rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
+    rest_P (k, 3): where the tip points at rest, in its base. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
     """
 
     p_O: Array
@@ -71,7 +71,7 @@ class Scan(Record):
     n: Array
     q: Array
     kept: Array
-    rest_W: Array
+    rest_P: Array
     R_WL: Array
     p_WL: Array
     R_WG: Array
@@ -93,16 +93,16 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     shape = (k, n + 1, DIRECTIONS * len(p_O))
-    R_WL, p_WL, rest_W = np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((k, 3))
+    R_WL, p_WL, rest_P = np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((k, 3))
     for i in range(k):
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
-        rest_W[i] = R_WL[last - first] @ hand.axis_T[i]
+        rest_P[i] = R_WL[last - first] @ hand.axis_T[i]
     rows = 1 + math.prod(shape)  # memory that is not written to is not taken
     return Scan(
         np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int32), np.ones(1, np.int64),
         np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, joints)), np.empty(rows),
-        rest_W, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
+        rest_P, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
     )  # fmt: skip
 
 
@@ -208,7 +208,8 @@ def candidate_free(
     if known != UNKNOWN:
         return max(whole(known), 0)
     scan.row[i, j, c] = BARRED
-    R_WO, p_WO = pose_at(path, j)
+    b = hand.base[i]
+    R_WO, p_WO = pose_at(path, b, j)
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
     p, a_O = stack(3), stack(3)
     rotate(R_WO, scan.p_O[c], p)
@@ -228,7 +229,7 @@ def candidate_free(
     lean = DIRECTIONS * c // len(scan.p_O)
     if lean > 0:
         # By `lean` halves of the way from −n to the direction at rest.
-        rotate_back(R_WO, scan.rest_W[i], p)
+        rotate_back(R_WO, scan.rest_P[i], p)
         along = -dot(p, scan.n_O[c])
         for x in range(3):
             p[x] += along * scan.n_O[c, x]
@@ -259,7 +260,8 @@ def candidate_free(
     under(hand, i, R_OT, normal, p_TC)
     if not touches_in_a_point(hand, i, point, p_TC, R_OT):
         return 0
-    place_agent(hand, i, R_WL, p_WL, scan.R_WG, scan.p_WG)
+    R_WP, p_WP = base_at(path, b, j)
+    place_agent(hand, i, R_WP, p_WP, R_WL, p_WL, scan.R_WG, scan.p_WG)
     if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_B, p_B, clearance):
         return 0
     scan.row[i, j, c], scan.used[0], scan.kept[row] = row, row + 1, -1.0
@@ -289,7 +291,7 @@ def hold_on(
         first, last = look_ahead(n, j, look - 1), look_ahead(n, j, look)
         q[look], p[look], n_O[look] = q[look - 1], p[look - 1], n_O[look - 1]
         if is_full(hand, i):
-            R_WO, p_WO = pose_at(path, last)
+            R_WO, p_WO = pose_at(path, hand.base[i], last)
             tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
             residual = reach_pose(hand, i, R_WT, p_WT, q[look], R_WL, p_WL)
             if residual > REACHED or leap(q[look], q[look - 1]) > JUMP * max(1, last - first):
@@ -341,8 +343,9 @@ def clear_on(
     """At how many of the looks reached agent i, its joints q (LOOKS + 1, n_a), is clear of fixed bodies and the object."""
     for look in range(1, reached + 1):
         forward(hand.chains, i, q[look], scan.R_WL, scan.p_WL)
-        place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
         at = look_ahead(path.R_WO.shape[0], j, look)
+        R_WP, p_WP = base_at(path, hand.base[i], at)
+        place_agent(hand, i, R_WP, p_WP, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
         if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_WB[at], p_WB[at], clearance):
             return look - 1
     return reached
@@ -376,7 +379,7 @@ def stay_on(
 def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
     """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    R_WO, _ = pose_at(path, j)
+    R_WO, _ = pose_at(path, hand.base[i], j)
     row = scan.row[i, j, c]
     forward(hand.chains, i, scan.q[row, :n_a], scan.R_WL, scan.p_WL)
     multiply_back(R_WO, scan.R_WL[n_a], R_OT)

@@ -18,7 +18,7 @@ from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Path
+from regrasp.planner.path import Path, base_at
 from regrasp.planner.reserve import Margins
 from regrasp.planner.scan import LOOKS, Scan, candidate_free, clear_on, look_ahead, stay_on
 from regrasp.planner.supports import STICK
@@ -193,7 +193,8 @@ def look_over(
             last = min(look, reached)
             p[look], n_O[look] = p[last], n_O[last]
             forward(hand.chains, i, q[last], R_WL, p_WL)
-            place_agent(hand, i, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
+            R_WP, p_WP = base_at(path, hand.base[i], look_ahead(len(path.R_WO), start, look))
+            place_agent(hand, i, R_WP, p_WP, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
     return count
 
 
@@ -285,7 +286,9 @@ def find_grasp(
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
         forward(hand.chains, i, (hand.home if holding is None else holding.q)[first:last], R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+        place_agent(
+            hand, i, path.R_WP[hand.base[i], 0, 0], path.p_WP[hand.base[i], 0, 0], R_WL, p_WL, rest_R[i], rest_p[i]
+        )
     own = object_row(hand)
     for i in off:
         if holding is not None and holding.holds[i]:
@@ -337,4 +340,4 @@ def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], cho
         if c != OUT:
             candidates[i], row = c, scan.row[i, 0, c]
             contacts[i] = (scan.q[row, :n_a].copy(), scan.p[row].copy(), scan.n[row].copy())
-    return Stance(build_grasp(hand, path.R_WO[0, 0], contacts), candidates)
+    return Stance(build_grasp(hand, path, contacts), candidates)
