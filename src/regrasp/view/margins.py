@@ -1,5 +1,6 @@
 """What contacts and joints of a plan have left, sample by sample."""
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,7 +43,7 @@ def joint_margin(plan: Plan, world: World) -> Array:
 
 def _rotations(plan: Plan) -> Array:
     """R_OW at every sample, (N, M, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    q = plan.object_quaternion.reshape(-1, 4)
-    return Rotation.from_quat(q, scalar_first=True).as_matrix().swapaxes(1, 2).reshape(*plan.time.shape, 3, 3)
+    R_WO = np.empty((plan.time.size, 9))
+    for row, quaternion in zip(R_WO, plan.object_quaternion.reshape(-1, 4), strict=True):
+        mujoco.mju_quat2Mat(row, quaternion)
+    return R_WO.reshape(*plan.time.shape, 3, 3).swapaxes(2, 3)

@@ -9,19 +9,21 @@ import struct
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.plan import MOTIONS, Plan
 from regrasp.scene.world import World, from_plan
-from regrasp.verify.execution import Execution
-from regrasp.verify.findings import Certificate
 from regrasp.view.bodies import Bodies, bodies, poses
 from regrasp.view.frames import choose, planned
 from regrasp.view.margins import friction_margin, joint_margin
 from regrasp.view.show import colours, object_radius, set_up
+
+if TYPE_CHECKING:
+    from regrasp.verify.execution import Execution
+    from regrasp.verify.findings import Certificate
 
 RECORDS = 1500
 """Records of an execution that a page has at most."""
@@ -77,12 +79,12 @@ def tell(plan: Plan) -> Story:
     return Story(_header(plan, world, stage), arrays)
 
 
-def judged(story: Story, certificate: Certificate) -> Story:
+def judged(story: Story, certificate: "Certificate") -> Story:
     """The story with what `check` found."""
     return replace(story, header={**story.header, "certificate": certificate.to_dict()})
 
 
-def executed(story: Story, plan: Plan, run: Execution) -> Story:
+def executed(story: Story, plan: Plan, run: "Execution") -> Story:
     """The story with what happened in physics beside what was planned."""
     world = from_plan(plan.scene, plan.xml, plan.assets)
     rows = np.unique(np.linspace(0, len(run.time) - 1, min(RECORDS, len(run.time))).astype(int))

@@ -244,13 +244,17 @@ class Page {
     this.now(j);
   }
 
+  /** Where on the page a point of the world is, px. */
+  place(p) {
+    const { clientWidth, clientHeight } = $("view"), m = this.orbit.matrices(clientWidth / clientHeight).view;
+    const w = m[3] * p[0] + m[7] * p[1] + m[11] * p[2] + m[15], [x, y] = through(m, p);
+    return [(0.5 + (0.5 * x) / w) * clientWidth, (0.5 - (0.5 * y) / w) * clientHeight];
+  }
+
   /** Labels beside the fingertips: who does what. */
   name(picture) {
     const { story } = this, { clientWidth, clientHeight } = $("view"), { j } = story.at(this.time);
-    const project = (p) => {
-      const m = picture.view, w = m[3] * p[0] + m[7] * p[1] + m[11] * p[2] + m[15], [x, y] = through(m, p);
-      return [(0.5 + (0.5 * x) / w) * clientWidth, (0.5 - (0.5 * y) / w) * clientHeight];
-    };
+    const project = (p) => this.place(p);
     const middle = project(through(picture.object, [0, 0, 0])), taken = [];
     [...$("labels").children].forEach((label, i) => {
       const tip = this.stage.shapes.find((shape) => shape.tip && shape.agent === i);
@@ -289,7 +293,8 @@ class Page {
     const first = j * story.M, last = first + story.M - 1, at = (array, row) => story.arrays[array][row * story.k + i];
     const turn = story.arrays.twist.subarray(4 * (j * story.k + i), 4 * (j * story.k + i) + 4), percent = (v) => `${Math.round(100 * v)} %`;
     const rolled = `${((Math.hypot(turn[0], turn[1]) * 180) / Math.PI).toFixed(1)}°`, slid = `${(1e3 * Math.hypot(turn[2], turn[3])).toFixed(1)} mm`;
-    const doing = { stay: "keeps its contact", relocate: "goes to another place on the object", off: "is away from the object" }[name]
+    const still = Math.hypot(...turn) < 1e-4 && /roll|slide/.test(name);
+    const doing = still ? `waits while forces are handed over (${story.saying(code)})` : { stay: "keeps its contact", relocate: "goes to another place on the object", off: "is away from the object" }[name]
       ?? (name.startsWith("roll") ? `rolls by ${rolled} (${story.saying(code)})` : `slides by ${slid} (${story.saying(code)})`);
     const room = [at("joint_margin", first), at("joint_margin", last)];
     const gained = Number.isNaN(room[0]) ? "" : `; room to its joints' limits ${percent(room[0])} → ${percent(room[1])}`;
@@ -301,6 +306,7 @@ class Page {
 const decoded = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 
 const page = new Page();
+globalThis.regrasp = page;
 const ready = unpacked(decoded($("story").textContent.trim())).then((story) => {
   page.show(story);
   document.body.classList.add("ready");

@@ -23,10 +23,10 @@ float shadow(vec4 lit) {
   vec3 at = 0.5 * lit.xyz / lit.w + 0.5;
   if (any(lessThan(at, vec3(0.0))) || any(greaterThan(at, vec3(1.0)))) return 1.0;
   float sum = 0.0;
-  vec2 texel = 1.3 / vec2(textureSize(shadows, 0));
-  for (int i = -2; i <= 2; i++)
-    for (int j = -2; j <= 2; j++) sum += texture(shadows, vec3(at.xy + vec2(i, j) * texel, at.z - 0.0012));
-  return sum / 25.0;
+  vec2 texel = 1.6 / vec2(textureSize(shadows, 0));
+  for (int i = -1; i <= 1; i++)
+    for (int j = -1; j <= 1; j++) sum += texture(shadows, vec3(at.xy + vec2(i, j) * texel, at.z - 0.0012));
+  return sum / 9.0;
 }`;
 
 const SOLID_FRAGMENT = `#version 300 es

@@ -98,6 +98,8 @@ class Stage {
     for (let s = 0; s <= 12; s++) {
       const instant = story.at((story.end * s) / 12);
       out.push([story.pose(story.object, instant).slice(0, 3), 1.15 * story.radius]);
+      const object = this.poseOf(story.object, instant);
+      for (const { p, f } of this.contacts(instant, object)) out.push([add(p, f, -story.reach), 0.05 * story.radius]);
       for (const tip of tips) out.push([through(times(this.poseOf(tip.body, instant), tip.local), [0, 0, 0]), 3 * Math.max(...tip.size, 0)]);
     }
     return out;
