@@ -134,10 +134,15 @@ class Browser:
         for kind in ("mousePressed", "mouseReleased"):
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
+    def box(self, selector: str) -> list[float]:
+        """Left, top, width and height of an element, px."""
+        script = f"const box = document.querySelector({selector!r}).getBoundingClientRect();"
+        return list(self.run(f"{{ {script} [box.x, box.y, box.width, box.height] }}"))
+
     def click_on(self, selector: str) -> None:
         """Click the middle of the element."""
-        box = self.run(f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])(document.querySelector({selector!r}).getBoundingClientRect())")  # fmt: skip
-        self.click(*box)
+        x, y, wide, high = self.box(selector)
+        self.click(x + wide / 2, y + high / 2)
 
     def press(self, key: str) -> None:
         """Press and let go a key."""

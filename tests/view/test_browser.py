@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -78,10 +77,9 @@ def arrows(browser: Browser) -> np.ndarray:
     """Where the scene shows arrows of agents' forces: (height, width)."""
     found = looks_like(browser.picture(), AGENT_FORCE)
     for part, inside in (("#view", True), ("#legend", False)):
-        box = f"(({{left, top, right, bottom}}) => [left, top, right, bottom])(document.querySelector({part!r}).getBoundingClientRect())"
-        left, top, right, bottom = map(round, browser.run(box))
+        x, y, wide, high = map(round, browser.box(part))
         here = np.zeros(found.shape, bool)
-        here[top:bottom, left:right] = True
+        here[y : y + high, x : x + wide] = True
         found &= here if inside else ~here
     return found
 
@@ -148,7 +146,7 @@ def test_arrow_keys_step_from_sample_to_sample(file, plan):
 
 
 def test_a_click_on_the_track_goes_there(file, plan):
-    box = file.run("(({x, y, width, height}) => [x, y, width, height])(document.querySelector('#rail').getBoundingClientRect())")
+    box = file.box("#rail")
     file.click(box[0] + 0.5 * box[2], box[1] + 0.5 * box[3])
     middle = (plan.time[0, 0] + plan.time[-1, -1]) / 2
     assert now(file) == pytest.approx(middle, abs=0.02 * middle)
@@ -168,7 +166,9 @@ def test_a_click_on_an_entry_of_v_goes_there_and_tells_of_it(file, plan):
 def test_violations_are_listed_marked_and_lead_to_their_time(file):
     assert "refused: 1 violation" in file.run("document.querySelector('#verdict').textContent")
     assert "balance" in file.run("document.querySelector('#findings').textContent")
-    assert file.run("parseFloat(document.querySelector('#marks i').style.left)") == pytest.approx(100 * 3.4 / 5, abs=0.5)
+    assert file.run("parseFloat(document.querySelector('#marks i').style.left)") == pytest.approx(
+        100 * 3.4 / 5, abs=0.5
+    )
     file.click_on("#findings [data-at]")
     assert now(file) == pytest.approx(3.4, abs=1e-3)
 

@@ -22,7 +22,10 @@ def view(arguments: list[str]) -> Answer:
         live: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
         seed: int = 0,
         host: str = "127.0.0.1",
-        port: Annotated[Optional[int], tyro.conf.arg(metavar="N", help_behavior_hint="(default: 8080, or a free one)")] = None,  # noqa: UP045
+        port: Annotated[
+            Optional[int],  # noqa: UP045
+            tyro.conf.arg(metavar="N", help_behavior_hint="(default: 8080, or a free one)"),
+        ] = None,
         no_browser: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     ) -> dict[str, Any]:
         """Read the command line.
@@ -92,11 +95,12 @@ def _search(name: str, seed: int, host: str, port: int | None, quiet: bool) -> A
         from regrasp.verify.check import check
         from regrasp.view.search import Search, drafted
         from regrasp.view.server import Server
+        from regrasp.view.sketch import rest
         from regrasp.view.story import pack, tell
 
     scene = load(name)
     world = build(scene)
-    with Server(pack(drafted(world)), host, port) as server:
+    with Server(pack(drafted(rest(world))), host, port) as server:
         _open(server, host, quiet)
         report = Search(world, server.news, lambda story: server.story(pack(story)))
         outcome = plan_scene(scene, seed, read(Settings, scene.planner), report)

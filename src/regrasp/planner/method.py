@@ -93,7 +93,7 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
     broken: list[Segment] = []
     tried: list[Tried] = []
     for attempt in range(settings.arcs):
-        told(report, segments)(Progress("route", attempt, settings.arcs, math.nan, math.nan, motions=list))
+        along(task, report, segments, [])(Progress("route", attempt, settings.arcs, math.nan, math.nan, motions=list))
         # A first arc is planned however little time there is, so that there is something to show, if it is soon found.
         stop = clock.up if attempt > 0 else lambda: clock.up() and len(task.router.graph.poses) > SOON
         route = task.router.route(here, stop, report)
@@ -107,7 +107,7 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
                 return Outcome(None, given, tuple(tried))
             grasp = given
         arcs = [leg.arc for leg in route]
-        planned = plan_leg(task, arcs, grasp, len(segments), rng, along(told(report, segments), segments, arcs), clock)
+        planned = plan_leg(task, arcs, grasp, len(segments), rng, along(task, report, segments, arcs), clock)
         if isinstance(planned, Failure):
             planned = Planned([], grasp, "", planned)
         failed = planned.failure
@@ -136,10 +136,11 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
     return Outcome(best_so_far(task, segments, broken, seed), ended, tuple(tried))
 
 
-def along(report: Report, segments: list[Segment], arcs: list[Arc]) -> Report:
-    """The report with the route: what the segments have come along, and what is still to come."""
-    route = (*(end_pose(segment) for segment in segments), arcs[0].start, *(arc.goal for arc in arcs))
-    return lambda progress: report(replace(progress, route=route))
+def along(task: Task, report: Report, segments: list[Segment], arcs: list[Arc]) -> Report:
+    """The report with what is planned, and the route: what that has come along, and the arcs still to come."""
+    start = task.world.scene.start.pose
+    route = ((start.R, start.p), *(end_pose(segment) for segment in segments), *(arc.goal for arc in arcs))
+    return told(lambda progress: report(replace(progress, route=route)), segments)
 
 
 def plan_of(task: Task, segments: list[Segment], seed: int, complete: bool) -> Plan | Failure:

@@ -76,13 +76,13 @@ def bodies(world: World) -> Bodies:
             continue
         who, place = owner.get(body, -1), row.get(body, -1)
         pose = (*model.geom_pos[g], *model.geom_quat[g]) if place >= 0 else _pose(data.geom_xpos[g], data.geom_xmat[g])
-        mesh = used.setdefault(int(model.geom_dataid[g]), len(used)) if model.geom_type[g] == 7 else -1
-        shell = not seen[g]
-        if not shell or model.geom_contype[g] or model.geom_conaffinity[g]:
-            shapes.append(_shape(place, KINDS[int(model.geom_type[g])], model.geom_size[g], pose, role, who, g in tips, shell, mesh))  # fmt: skip
+        kind, size = KINDS[int(model.geom_type[g])], model.geom_size[g]
+        if seen[g] or model.geom_contype[g] or model.geom_conaffinity[g]:
+            mesh = used.setdefault(int(model.geom_dataid[g]), len(used)) if kind == "mesh" else -1
+            shapes.append(_shape(place, kind, size, pose, role, who, g in tips, not seen[g], mesh))
         for each in world.links.shapes.get(g, ()):
             R, p = _matrix(pose[3:]), np.array(pose[:3])
-            inner = _pose(R @ each.p + p, (R @ each.R).ravel())
+            inner = _pose(R @ each.p + p, R @ each.R)
             shapes.append(_shape(place, each.kind, each.size, inner, role, who, False, True, -1))
     meshes = [_mesh(model, each) for each in used]
     if skin is not None:

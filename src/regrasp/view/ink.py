@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 Colour = str
 
 DARK, GREY, WHITE = "#2b2b2b", "#8a8a8a", "#ffffff"
-AGENTS = ("#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#E69F00", "#999999")
-"""Okabe and Ito's colours, told apart by colour-blind eyes too: one for each agent, in turn."""
+AGENTS = ("#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#E69F00", "#661100")
+"""Okabe and Ito's colours, and a dark one: told apart by colour-blind eyes too, one for each agent, in turn."""
 AGENT_FORCE, SUPPORT_FORCE = "#D55E00", "#0072B2"
 """The two of Okabe and Ito's colours that no agent has: forces of agents, forces of supports."""
 

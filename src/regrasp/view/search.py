@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from regrasp.plan import Plan
 from regrasp.planner.outcome import Progress
 from regrasp.scene.world import World
 from regrasp.view.sketch import sketch
@@ -23,7 +24,9 @@ MOST = 2000
 class Search:
     """Called with every `Progress`: tells pages its figures, and now and then what the best motion looks like."""
 
-    def __init__(self, world: World, news: Callable[[str, dict[str, Any]], None], show: Callable[[Story], None]) -> None:
+    def __init__(
+        self, world: World, news: Callable[[str, dict[str, Any]], None], show: Callable[[Story], None]
+    ) -> None:
         self._world, self._news, self._show = world, news, show
         self._curve: list[tuple[float, float]] = []
         self._stage, self._next, self._speak = "", 0.0, 0.0
@@ -36,7 +39,9 @@ class Search:
             self._speak = now + OFTEN
             self._tell(progress.stage, progress.done, progress.total)
         if progress.motions is not None and (now >= self._next or progress.stage != self._stage):
-            self._show(drafted(self._world, progress))
+            motions = progress.motions()
+            if motions:
+                self._show(drafted(sketch(self._world, motions, progress.route)))
             self._next = time.monotonic() + PAUSE
         self._stage = progress.stage
 
@@ -48,8 +53,7 @@ class Search:
         self._news("search", {"stage": stage, "done": done, "total": total, "curve": self._curve[-MOST:]})
 
 
-def drafted(world: World, progress: Progress | None = None) -> Story:
-    """The story of the best motion so far; before there is any, of the scene at rest."""
-    motions = progress.motions() if progress is not None and progress.motions is not None else []
-    story = tell(sketch(world, motions, progress.route if progress is not None else ()))
+def drafted(plan: Plan) -> Story:
+    """The story of a `sketch`, which nobody is going to check."""
+    story = tell(plan)
     return replace(story, header={**story.header, "draft": True})

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from regrasp.plan import MOTIONS, Plan
 from regrasp.scene.world import World, from_plan
+from regrasp.view import strip
 from regrasp.view.bodies import Bodies, bodies, poses
 from regrasp.view.frames import choose, planned
+from regrasp.view.ink import AGENT_FORCE, SUPPORT_FORCE
 from regrasp.view.margins import friction_margin, joint_margin
 from regrasp.view.show import colours, object_radius, set_up
 
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from regrasp.verify.execution import Execution
     from regrasp.verify.findings import Certificate
 
+COLOURS = {"stay": strip.STAY, "roll": strip.ROLL, "slide": strip.SLIP, "relocate": strip.MOVE, "off": strip.FREE,
+           "force": AGENT_FORCE, "support": SUPPORT_FORCE}  # fmt: skip
+"""Of contact motions and of forces."""
 RECORDS = 1500
 """Records of an execution that a page has at most."""
 LONGEST = 1.1
@@ -135,6 +140,7 @@ def _header(plan: Plan, world: World, stage: Bodies) -> dict[str, Any]:
         "remarks": plan.remarks,
         "seed": plan.seed,
         "motions": MOTIONS,
+        "colours": COLOURS,
         "agents": agents,
         "slots": [{"name": name, "mu": mu[name]} for name in plan.support_names],
         "object": int(np.flatnonzero(stage.ids == world.object_body)[0]),
@@ -145,8 +151,12 @@ def _header(plan: Plan, world: World, stage: Bodies) -> dict[str, Any]:
         "radius": radius,
         "weight": float(world.model.body_mass[world.object_body] * np.linalg.norm(world.scene.gravity)),
         "reach": LONGEST * radius / largest if largest > 0.0 else 0.0,
-        "view": {"towards": (-seen.camera.R[2]).tolist(), "centre": seen.stage.centre.tolist(),
-                 "radius": seen.stage.radius, "flat": seen.stage.flat},  # fmt: skip
+        "view": {
+            "towards": (-seen.camera.R[2]).tolist(),
+            "centre": seen.stage.centre.tolist(),
+            "radius": seen.stage.radius,
+            "flat": seen.stage.flat,
+        },
         "route": plan.route.tolist(),
         "draft": False,
         "certificate": None,

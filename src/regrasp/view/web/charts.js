@@ -1,6 +1,6 @@
 // Curves over time with the current time marked; a click goes to its time.
 
-const SUPPORT_COLOUR = "#0072B2", INK = "#2b2b2b", MUTED = "#7a7a76", FAINT = "#e6e6e1";
+const INK = "#2b2b2b", MUTED = "#7a7a76", FAINT = "#e6e6e1";
 
 /** A colour dark enough for a thin line on white. */
 const strong = (colour) => `rgb(${scaled(rgb(colour), 255 * 0.84).map(Math.round)})`;
@@ -142,7 +142,7 @@ class Charts {
     const forces = each((i) => this.sizes("force", i, k));
     if (P) {
       const slots = story.slots.map((_, s) => this.sizes("support_force", s, P));
-      forces.push({ x: time, y: time.map((_, row) => slots.reduce((sum, slot) => sum + slot[row], 0)), colour: SUPPORT_COLOUR, dash: [4, 3] });
+      forces.push({ x: time, y: time.map((_, row) => slots.reduce((sum, slot) => sum + slot[row], 0)), colour: story.colours.support, dash: [4, 3] });
     }
     const most = forces.reduce((high, { y }) => y.reduce((a, b) => Math.max(a, b), high), 1e-3);
     this.forces?.draw({ ...common, curves: forces, low: 0, high: 1.05 * most });

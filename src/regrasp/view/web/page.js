@@ -85,6 +85,7 @@ class Page {
     this.story = story;
     this.stage.show(story);
     this.time = Math.min(this.time, story.span);
+    for (const [name, colour] of Object.entries(story.colours)) document.documentElement.style.setProperty(`--${name}`, colour);
     document.title = `${story.name} · regrasp`;
     $("name").textContent = story.name;
     $("words").textContent = story.words;
@@ -107,8 +108,8 @@ class Page {
   }
 
   legend() {
-    const entries = [["force", "#D55E00", "force of an agent"]];
-    if (this.story.P) entries.push(["force", "#0072B2", "force of a support"]);
+    const entries = [["force", this.story.colours.force, "force of an agent"]];
+    if (this.story.P) entries.push(["force", this.story.colours.support, "force of a support"]);
     if (this.story.run) entries.push(["force", "#4D4D4D", "planned force"], ["ghost", "#4D4D4D", "planned object"]);
     entries.push(["ghost", "#4A6FA5", "goal"]);
     return entries.map(([kind, colour, words]) => `<span class="${kind}" style="--own:${colour}">${words}</span>`).join("");

@@ -1,7 +1,7 @@
 // What stands on the stage at a time: the story's bodies, forces, contacts and ways as a picture for the painter.
 
 const OBJECT = rgb("#D9CBB4"), STATIC = rgb("#C3C8CC"), PALE = rgb("#E3E4E4"), BACK = rgb("#F6F6F3"), FLOOR = rgb("#E9E8E3");
-const FORCE = rgb("#D55E00"), SUPPORT = rgb("#0072B2"), GOAL = rgb("#4A6FA5"), PLANNED = rgb("#4D4D4D"), WAY = rgb("#8A8A8A");
+const GOAL = rgb("#4A6FA5"), PLANNED = rgb("#4D4D4D"), WAY = rgb("#8A8A8A");
 const FIELD = 0.42;
 
 class Stage {
@@ -113,13 +113,13 @@ class Stage {
       if (Number.isNaN(p[0])) continue;
       const [n, x] = ["n_O", "x_O"].map((name) => unit(through(object, story.value(name, instant, i, story.k, 3), 0)));
       const agent = story.agents[i];
-      out.push({ p: through(object, p), n, x, f: story.value("force", instant, i, story.k, 3), mu: agent.mu, colour: FORCE, own: rgb(agent.colour), agent: i });
+      out.push({ p: through(object, p), n, x, f: story.value("force", instant, i, story.k, 3), mu: agent.mu, colour: rgb(story.colours.force), own: rgb(agent.colour), agent: i });
     }
     for (let s = 0; s < story.P; s++) {
       if (!story.arrays.support_mode[instant.j * story.P + s]) continue;
       const p = through(object, story.value("support_p_O", instant, s, story.P, 3));
       const n = scaled(unit(story.value("support_n_W", instant, s, story.P, 3)), -1);
-      out.push({ p, n, x: null, f: story.value("support_force", instant, s, story.P, 3), mu: story.slots[s].mu, colour: SUPPORT, own: SUPPORT, agent: -1 });
+      out.push({ p, n, x: null, f: story.value("support_force", instant, s, story.P, 3), mu: story.slots[s].mu, colour: rgb(story.colours.support), own: rgb(story.colours.support), agent: -1 });
     }
     return out;
   }
