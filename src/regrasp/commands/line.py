@@ -26,7 +26,7 @@ WORDS = {
     "doctor": "Say what will go wrong with a scene or a robot, and what to do about it.",
     "view": "Look at a plan, or at the search for one, in a browser: play, scrub, forces, contact motions, findings.",
     "render": "Draw a plan: frames side by side, contact motions marked, forces as arrows.",
-    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals.",
+    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals, view.",
 }
 """Command → what it does."""
 

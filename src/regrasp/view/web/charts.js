@@ -16,7 +16,7 @@ class Chart {
   constructor(parent, heading, note, seek) {
     this.box = document.createElement("figure");
     this.box.className = "chart";
-    this.box.innerHTML = `<figcaption></figcaption><div class="plot"><canvas></canvas><div class="playhead"></div></div>`;
+    this.box.innerHTML = `<figcaption></figcaption><div class="plot"><canvas></canvas><div class="playhead" hidden></div></div>`;
     this.box.querySelector("figcaption").innerHTML = `<b>${heading}</b> <span>${note}</span>`;
     this.plot = this.box.querySelector(".plot");
     this.canvas = this.box.querySelector("canvas");

@@ -105,6 +105,7 @@ class Page {
     this.judge(story.certificate);
     if (first) this.fit();
     this.seek(this.time);
+    if (story.draft && story.N > 1) this.play(true);
   }
 
   legend() {
@@ -223,7 +224,8 @@ class Page {
     this.last = now;
     if (this.playing) {
       this.seek(this.time + this.speed * passed);
-      if (this.time >= this.story.span) this.play(false);
+      // What is still being searched is shown over and over.
+      if (this.time >= this.story.span) this.story.draft ? this.seek(0) : this.play(false);
     }
     if (this.dirty && this.story) this.draw();
     requestAnimationFrame((next) => this.tick(next));

@@ -243,10 +243,18 @@ class Painter {
     this.solids(this.ground, picture.grounds);
     gl.disable(gl.CULL_FACE);
     this.use(this.solid, { ...common, view: picture.view, alpha: 1, plain: 0 });
-    this.solids(this.solid, picture.solids);
+    this.solids(this.solid, picture.solids.filter((each) => !each.front));
+    // A tip is what touches: it is before what else is in the same place.
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(-1, -20);
+    this.solids(this.solid, picture.solids.filter((each) => each.front));
+    gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     this.lines(picture, picture.strokes);
+    // A little behind what is solid in the same place.
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 4);
     for (const group of picture.ghosts) {
       // Only what is nearest of a ghost is blended: its depth comes first.
       gl.colorMask(false, false, false, false);
@@ -258,6 +266,7 @@ class Painter {
       this.solids(this.solid, group);
       gl.depthFunc(gl.LESS);
     }
+    gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     this.use(this.solid, { ...common, view: picture.view, alpha: 1, plain: 1 });
     this.solids(this.solid, picture.marks);

@@ -154,7 +154,7 @@ class Stage {
       const lined = layers.lines && (shape.role === "object" || shape.tip) ? 1 : 0;
       // The object's lines are those of its own frame; a tip's those of the tip.
       const frame = shape.role === "object" ? { pose, local: shape.local } : { pose: times(pose, shape.local) };
-      const each = { mesh: shape.mesh, colour: shape.colour, lined, ...frame };
+      const each = { mesh: shape.mesh, colour: shape.colour, lined, front: shape.tip, ...frame };
       if (!shape.shell) solids.push(each);
       else if (layers.shells) shells.push({ ...each, lined: 0, alpha: 0.3 });
     }
@@ -172,7 +172,7 @@ class Stage {
     if (layers.cones) {
       const tall = 0.55 * story.radius;
       for (const { p, n, mu, own } of contacts)
-        ghosts.push([{ mesh: this.common.head, pose: facing(p, n), scale: [mu * tall, mu * tall, tall], colour: own, alpha: 0.26 }]);
+        ghosts.push([{ mesh: this.common.head, pose: facing(p, n), scale: [mu * tall, mu * tall, tall], colour: own, alpha: 0.34 }]);
     }
     if (layers.forces) {
       for (const { p, f, colour, agent } of contacts) {
@@ -212,24 +212,20 @@ class Stage {
     const right = unit(cross([0, 0, 1], towards)), level = unit(cross(right, [0, 0, 1]));
     const sun = unit(add(add([0, 0, 1.5], right, -0.55), level, 0.75));
     const view = looking(add(centre, sun, far), centre, [0, 0, 1]);
+    const wide = { mesh: this.common.floor, scale: [20 * radius, 20 * radius, 1], colour: FLOOR };
     const floors = this.planes.length
-      ? this.planes.map((plane) => ({ mesh: plane.mesh, pose: this.floorPose(plane), scale: this.extent(plane), colour: FLOOR }))
-      : [{ mesh: this.common.floor, pose: facing([centre[0], centre[1], this.low], [0, 0, 1]), scale: [20 * radius, 20 * radius, 1], colour: FLOOR }];
+      ? this.planes.map((plane) => ({ ...wide, pose: this.floorPose(plane) }))
+      : [{ ...wide, pose: facing([centre[0], centre[1], this.low], [0, 0, 1]) }];
     return {
       sun, light: times(parallel(2.2 * radius, 0.1 * far, 3 * far), view), grounds: floors,
-      ground: { centre, fade: 3.4 * radius, cell: 10 ** Math.round(Math.log10(radius * 0.4)) },
+      ground: { centre, fade: 3.4 * radius, cell: roundStep(radius, 3) },
     };
   }
 
+  /** A plane has no end: what is drawn of it lies below the middle of the scene. */
   floorPose(plane) {
     const { centre } = this.story.view;
-    if (plane.size[0] > 0 && plane.size[1] > 0) return plane.local;
     const n = plane.local.slice(8, 11), p = plane.local.slice(12, 15);
     return facing(add(centre, n, dot(add(p, centre, -1), n)), n);
-  }
-
-  extent(plane) {
-    const wide = 20 * this.story.view.radius;
-    return [plane.size[0] || wide, plane.size[1] || wide, 1];
   }
 }
