@@ -12,12 +12,9 @@ from regrasp.planner.outcome import Report
 from regrasp.planner.task import Settings
 from regrasp.planner.warm import COMPILING
 from regrasp.scene.load import builtin, load
-from regrasp.scene.world import build
 from regrasp.search.annealing import Settings as Annealing
 from regrasp.settings import read
 from regrasp.view.progress import Reporter
-from regrasp.view.sketch import rest
-from regrasp.view.story import tell
 
 
 def compile_kernels() -> float:
@@ -30,7 +27,6 @@ def compile_kernels() -> float:
             settings = read(Settings, scene.planner)
             local = dataclasses.replace(settings.local, attempts=1, annealing=Annealing(iterations=20, trials=20))
             plan_scene(scene, 0, dataclasses.replace(settings, arcs=1, local=local), only_compilation(report))
-        tell(rest(build(scene)))
     seconds = time.perf_counter() - started
     say(f"compiled or loaded in {seconds:.1f} s")
     return seconds

@@ -11,11 +11,10 @@ from PIL import Image
 
 from regrasp.plan import MOTIONS, OFF, Plan
 from regrasp.scene.world import World
-from regrasp.view.camera import Camera, fit
+from regrasp.view.camera import Camera, candidates, fit
 from regrasp.view.frames import State, motion_words, put_all, put_object
 from regrasp.view.ink import AGENTS, DARK, GREY, Ink, chips, rgb
-from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, picture, silhouette
-from regrasp.view.viewpoint import viewpoint
+from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, hits, picture, silhouette
 
 Array = NDArray[np.float64]
 
@@ -62,7 +61,7 @@ def set_up(plan: Plan, world: World, states: Sequence[State], largest: float, wi
     radius = float((np.linalg.norm(centres - middle, axis=1) + radii).max())
     flat = set(world.scene.freedoms) <= {"x", "z", "ry"}
     stage = Stage(model, colour, marked, middle, radius, flat)
-    forward = np.array([0.0, 1.0, 0.0]) if flat else viewpoint(stage, world, states)
+    forward = np.array([0.0, 1.0, 0.0]) if flat else _best_view(stage, world, states, data, centres, radii)
     return Show(plan, world, stage, fit(forward, centres, radii, width, height), scale)
 
 
@@ -119,6 +118,30 @@ def _interest(world: World, states: Sequence[State], data: mujoco.MjData, scale:
             centres.append(arrow.head - scale * arrow.force)
             radii.append(0.1 * radius)
     return np.array(centres), np.array(radii)
+
+
+def _best_view(
+    stage: Stage, world: World, states: Sequence[State], data: mujoco.MjData, centres: Array, radii: Array
+) -> Array:
+    """The candidate direction that hides least: of the tip seen worst, of the tips together, and of the object."""
+    tips = np.array([agent.tip_geom for agent in world.agents])
+
+    def score(forward: Array) -> float:
+        camera = fit(forward, centres, radii, WIDTH // 8, HEIGHT // 8)
+        y, x = np.mgrid[0 : camera.height, 0 : camera.width]
+        rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
+        total = 0.0
+        for state in states:
+            put_all(world, state.qpos, data)
+            geom, _, _ = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
+            seen = np.array([np.sum(geom == tip) for tip in tips], dtype=float)
+            size = camera.pixel_size(float(np.linalg.norm(stage.centre - camera.eye)))
+            whole = np.pi * (stage.model.geom_size[tips, 0] / size) ** 2
+            shares = np.minimum(seen / whole, 1.0)
+            total += 1.5 * shares.min() + shares.mean() + np.sum(np.isin(geom, world.object_geoms)) / len(geom) * 4
+        return total
+
+    return max(candidates(), key=score)
 
 
 def _tint(image: Array, inside: NDArray[np.bool_]) -> None:

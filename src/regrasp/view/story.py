@@ -18,22 +18,24 @@ from regrasp.plan import MOTIONS, Plan
 from regrasp.scene.world import World, from_plan
 from regrasp.view import strip
 from regrasp.view.bodies import Bodies, bodies, poses
-from regrasp.view.frames import choose, planned
-from regrasp.view.ink import AGENT_FORCE, SUPPORT_FORCE
+from regrasp.view.frames import choose
+from regrasp.view.ink import AGENT_FORCE, AGENTS, SUPPORT_FORCE
 from regrasp.view.margins import friction_margin, joint_margin
-from regrasp.view.show import colours, object_radius, set_up
+from regrasp.view.viewpoint import object_radius, outlook
 
 if TYPE_CHECKING:
     from regrasp.verify.execution import Execution
     from regrasp.verify.findings import Certificate
 
+Array = NDArray[np.float64]
+
 COLOURS = {"stay": strip.STAY, "roll": strip.ROLL, "slide": strip.SLIP, "relocate": strip.MOVE, "off": strip.FREE,
            "force": AGENT_FORCE, "support": SUPPORT_FORCE}  # fmt: skip
 """Of contact motions and of forces."""
-RECORDS = 1500
-"""Records of an execution that a page has at most."""
 LONGEST = 1.1
 """Length of the arrow of the largest force, in the object's bounding radii."""
+RECORDS = 1500
+"""Records of an execution that a page has at most."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def tell(plan: Plan) -> Story:
     arrays |= {name: array.astype(np.int32) for name, array in counts.items()}
     for i, mesh in enumerate(stage.meshes):
         arrays |= {f"vertices{i}": mesh.vertices, f"faces{i}": mesh.faces, f"normals{i}": mesh.normals}
-    return Story(_header(plan, world, stage), arrays)
+    return Story(_header(plan, world, stage, qpos), arrays)
 
 
 def judged(story: Story, certificate: "Certificate") -> Story:
@@ -118,16 +120,17 @@ def pack(story: Story) -> bytes:
     return zlib.compress(struct.pack("<I", len(head)) + head + bytes(body), 9)
 
 
-def _header(plan: Plan, world: World, stage: Bodies) -> dict[str, Any]:
+def _header(plan: Plan, world: World, stage: Bodies, qpos: Array) -> dict[str, Any]:
     forces = np.concatenate([plan.force_W, plan.support_force_W], axis=2)
     largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-    seen = set_up(plan, world, [planned(world, plan, instant) for instant in choose(plan, 6)], largest, 640, 560)
+    rows = [instant.interval * plan.time.shape[1] + instant.sample for instant in choose(plan, 6)]
+    seen = outlook(world, [qpos[row] for row in rows])
     radius, first, agents = object_radius(world), 0, []
-    for agent, colour in zip(world.agents, colours(plan), strict=True):
+    for i, agent in enumerate(world.agents):
         names = plan.joint_names[first : first + len(agent.qpos)]
         limits = [[_finite(x) for x in row] for row in (agent.lower, agent.upper)]
         slides = [bool(world.model.jnt_type[j] == 2) for j in agent.joints]
-        agents.append({"name": agent.name, "colour": colour, "mu": agent.friction, "most": agent.max_force,
+        agents.append({"name": agent.name, "colour": AGENTS[i % len(AGENTS)], "mu": agent.friction, "most": agent.max_force,
                        "first": first, "joints": names, "lower": limits[0], "upper": limits[1], "slides": slides})  # fmt: skip
         first += len(names)
     mu = dict(zip(world.support_names, world.support_friction.tolist(), strict=True))
@@ -151,12 +154,7 @@ def _header(plan: Plan, world: World, stage: Bodies) -> dict[str, Any]:
         "radius": radius,
         "weight": float(world.model.body_mass[world.object_body] * np.linalg.norm(world.scene.gravity)),
         "reach": LONGEST * radius / largest if largest > 0.0 else 0.0,
-        "view": {
-            "towards": (-seen.camera.R[2]).tolist(),
-            "centre": seen.stage.centre.tolist(),
-            "radius": seen.stage.radius,
-            "flat": seen.stage.flat,
-        },
+        "view": {"towards": seen.towards.tolist(), "centre": seen.centre.tolist(), "radius": seen.radius},
         "route": plan.route.tolist(),
         "draft": False,
         "certificate": None,
