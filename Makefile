@@ -10,11 +10,12 @@ SCENE  ?= fig4-relocation
 SEED   ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv compile demo test check bench benchmarks trust format clean
+.PHONY: help venv compile demo browser test check bench benchmarks trust format clean
 
 help:
 	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz and .png"
 	@echo "make test    the tests"
+	@echo "make browser installs a browser for the tests that need one, where that is easy (apt-get, as root)"
 	@echo "make check   format, lint, types, import rules"
 	@echo "make bench   the paper's own job, timed, and the local minima of its energy"
 	@echo "make benchmarks  what planning costs, as ratios to a plain reference: $(OUT)/benchmarks.md and .png (10 minutes)"
@@ -59,6 +60,15 @@ demo: $(COMPILED)
 	@echo "== executing the plan in physics, as planned and in perturbed worlds"
 	@$(BIN)/regrasp replay $(OUT)/$(SCENE).npz --trials 20 -o $(OUT)/$(SCENE)-replay.png
 	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png, its execution $(OUT)/$(SCENE)-replay.png"
+
+# Without one the tests of the page are skipped, and say so.
+browser:
+	@for name in chromium chromium-browser google-chrome; do command -v $$name >/dev/null && exit 0; done; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  echo "== installing chromium for the tests of the page"; \
+	  { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends chromium; } >/dev/null 2>&1 \
+	  || echo "== chromium could not be installed: the tests of the page will be skipped"; \
+	else echo "== no chromium: the tests of the page will be skipped"; fi
 
 test: $(COMPILED)
 	@echo "== running the tests"

@@ -1,10 +1,14 @@
 """The contract of the command line: exit codes, one line or one JSON object, nothing imported that is not needed."""
 
+import base64
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import types
+import urllib.request
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -107,7 +111,7 @@ def test_help_and_version_load_no_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-    assert all(name in done.stdout for name in ("plan", "check", "replay", "scenes", "render", "bench"))
+    assert all(name in done.stdout for name in ("plan", "check", "replay", "scenes", "view", "render", "bench"))
 
 
 def test_planning_imports_what_planning_needs() -> None:
@@ -125,7 +129,7 @@ def test_planning_imports_what_planning_needs() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["plan", "check", "replay", "grasp", "scenes", "models", "doctor", "render", "bench"]
+    "command", ["plan", "check", "replay", "grasp", "scenes", "models", "doctor", "view", "render", "bench"]
 )
 def test_every_command_has_help(command, capsys, planner):
     planner(outcome)
@@ -154,6 +158,11 @@ def test_every_command_has_help(command, capsys, planner):
         (["render", "x.npz", "-o", "x.png", "--frames", "0"], "1 to 12"),
         (["grasp", "fig3-puma3", "--count", "0"], "1 to 12"),
         (["grasp", "fig3-puma3", "-o", "x.jpg"], ".png"),
+        (["view", "x.npz"], "x.npz"),
+        (["view", "x.npz", "--html", "nowhere/x.html"], "nowhere"),
+        (["view", "--live", "x.yaml", "--replay"], "--live"),
+        (["view", "--live", "no-such-scene"], "no-such-scene"),
+        (["view", "x.npz", "--port", "many"], "many"),
         (["bench", "papers"], "minima"),
         (["bench", "scenes", "--seeds", "0"], "--seeds"),
         (["plan", "fig3-puma3"], "--output"),
@@ -266,6 +275,52 @@ def test_check_of_a_file_that_is_no_plan(capsys, tmp_path):
     path.write_text("nothing of the kind")
     assert main(["check", str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_view_writes_a_file_with_the_certificate_in_it(capsys, monkeypatch, home_plan, tmp_path):
+    finding = Finding("gap", "contact gap", 2.0, 1.0, "mm", interval=3, who="finger1")
+    monkeypatch.setattr("regrasp.verify.check.check", lambda plan: Certificate((finding,)))
+    path, file = tmp_path / "x.npz", tmp_path / "x.html"
+    home_plan("fig3-puma3").save(path)
+    assert main(["view", str(path), "--html", str(file), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["html"], answer["bytes"]) == (str(file), file.stat().st_size)
+    story = re.search(r'id="story">([^<]*)<', file.read_text("utf-8"))
+    assert story is not None
+    assert b'"who": "finger1"' in zlib.decompress(base64.b64decode(story[1]))
+
+
+@pytest.mark.parametrize(("host", "warned"), [("127.0.0.1", False), ("0.0.0.0", True)])
+def test_view_serves_a_page_and_warns_if_others_reach_it(host, warned, capsys, monkeypatch, home_plan, tmp_path):
+    seen = []
+
+    def look() -> None:
+        """As a browser does while the command waits to be interrupted."""
+        url = capsys.readouterr().err
+        with urllib.request.urlopen(re.search(r"http\S+", url)[0].replace("0.0.0.0", "127.0.0.1"), timeout=10) as page:
+            seen.append((url, page.read()))
+
+    monkeypatch.setattr("regrasp.verify.check.check", lambda plan: Certificate(()))
+    monkeypatch.setattr("regrasp.commands.viewing._wait", look)
+    path = tmp_path / "x.npz"
+    home_plan("fig3-puma3").save(path)
+    assert main(["view", str(path), "--host", host, "--port", "0", "--no-browser"]) == 0
+    ((said, page),) = seen
+    assert b"<!doctype html>" in page
+    assert ("--host" in said) is warned
+
+
+def test_view_opens_the_browser_unless_told_not_to(monkeypatch, home_plan, tmp_path):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("regrasp.verify.check.check", lambda plan: Certificate(()))
+    monkeypatch.setattr("regrasp.commands.viewing._wait", lambda: None)
+    path = tmp_path / "x.npz"
+    home_plan("fig3-puma3").save(path)
+    assert main(["view", str(path), "--port", "0"]) == 0
+    assert main(["view", str(path), "--port", "0", "--no-browser"]) == 0
+    assert len(opened) == 1
+    assert opened[0].startswith("http://127.0.0.1:")
 
 
 def test_grasps_are_shown_as_lines_of_a_scene_file(capsys, tmp_path):

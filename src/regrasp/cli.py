@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from regrasp import __version__
-from regrasp.commands import judging, measuring, planning, showing
+from regrasp.commands import judging, measuring, planning, showing, viewing
 from regrasp.commands.line import BAD_INPUT, DONE, INTERRUPTED, REFUSED, WORDS, Answer, say
 from regrasp.errors import InputError, RegraspError
 from regrasp.view import answers
@@ -84,6 +84,7 @@ COMMANDS: dict[str, tuple[Callable[[list[str]], Answer], Callable[[dict[str, Any
     "scenes": (showing.scenes, answers.scenes),
     "models": (showing.models, answers.models),
     "doctor": (showing.doctor, answers.diagnosis),
+    "view": (viewing.view, answers.page),
     "render": (showing.render, answers.picture),
     "bench": (measuring.bench, nothing),
 }

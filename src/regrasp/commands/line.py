@@ -24,8 +24,9 @@ WORDS = {
     "scenes": "List the built-in scenes.",
     "models": "List the robots that a scene can name: built-in hands, MuJoCo Menagerie.",
     "doctor": "Say what will go wrong with a scene or a robot, and what to do about it.",
+    "view": "Look at a plan, or at the search for one, in a browser: play, scrub, forces, contact motions, findings.",
     "render": "Draw a plan: frames side by side, contact motions marked, forces as arrows.",
-    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals.",
+    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals, view.",
 }
 """Command → what it does."""
 
@@ -83,9 +84,9 @@ def say(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def writable(path: Path) -> None:
-    """Raise InputError before the work if its result could not be written."""
+def writable(path: Path, flag: str = "--output") -> None:
+    """Raise InputError before the work if its result, which the flag names, could not be written."""
     if not path.parent.is_dir():
-        raise InputError("--output", f"no directory {path.parent}", "make it first")
+        raise InputError(flag, f"no directory {path.parent}", "make it first")
     if path.is_dir():
-        raise InputError("--output", f"{path} is a directory", "name a file")
+        raise InputError(flag, f"{path} is a directory", "name a file")

@@ -8,7 +8,7 @@ take hold anew; in the air those who hold it may hand it over to others who are 
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.local import ArcResult, failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import OFF, ONTO, STAY
-from regrasp.planner.outcome import Failure, Report
+from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
@@ -331,12 +331,24 @@ def all_arrive(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str)
     return True
 
 
+def told(report: Report, planned: list[Segment]) -> Report:
+    """The report with the motions of what is planned before those that it is told."""
+
+    def tell(progress: Progress) -> None:
+        motions = progress.motions
+        before = [segment.motion for segment in planned]
+        report(replace(progress, motions=None if motions is None else lambda: before + motions()))
+
+    return tell
+
+
 def annealed(
     task: Task, arcs: list[Arc], before: list[Segment], grasp: Grasp, first: int, rng: np.random.Generator,
     report: Report, clock: Clock,
 ) -> Planned:  # fmt: skip
     """Local plans of the pieces of the first arc, each from where the one before ends."""
     planned, pieces = list(before), pieces_of(task, arcs[0])
+    report = told(report, planned)
     for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
         result: ArcResult | None = None

@@ -117,8 +117,13 @@ def plan_arc(
             problem = ContactMotions(hand, path, scan, terms, start, V)
 
         def watch(state: AnnealingState[Codes]) -> bool:
+            def best() -> list[Motion]:
+                beside = ContactMotions(hand, path, new_scan(hand, path, settings.relocation), terms, start, state.best)
+                return [detail(hand, path, terms, beside.found, beside.current, beside.work, names)]
+
             if run == waited[0]:
-                report(Progress(stage, state.iteration, annealing.iterations, state.energy, state.best_energy))
+                total = annealing.iterations
+                report(Progress(stage, state.iteration, total, state.energy, state.best_energy, motions=best))
             return done.is_set()
 
         result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)

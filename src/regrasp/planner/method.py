@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.plan import Plan
+from regrasp.planner.arcs import Arc
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import Planned, first_piece, plan_leg, stances_for
+from regrasp.planner.legs import Planned, first_piece, plan_leg, stances_for, told
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report, Tried
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.poses import GOAL, START
@@ -92,7 +93,7 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
     broken: list[Segment] = []
     tried: list[Tried] = []
     for attempt in range(settings.arcs):
-        report(Progress("route", attempt, settings.arcs, math.nan, math.nan))
+        along(task, report, segments, [])(Progress("route", attempt, settings.arcs, math.nan, math.nan, motions=list))
         # A first arc is planned however little time there is, so that there is something to show, if it is soon found.
         stop = clock.up if attempt > 0 else lambda: clock.up() and len(task.router.graph.poses) > SOON
         route = task.router.route(here, stop, report)
@@ -106,7 +107,7 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
                 return Outcome(None, given, tuple(tried))
             grasp = given
         arcs = [leg.arc for leg in route]
-        planned = plan_leg(task, arcs, grasp, len(segments), rng, report, clock)
+        planned = plan_leg(task, arcs, grasp, len(segments), rng, along(task, report, segments, arcs), clock)
         if isinstance(planned, Failure):
             planned = Planned([], grasp, "", planned)
         failed = planned.failure
@@ -133,6 +134,13 @@ def plan_task(task: Task, seed: int, clock: Clock, report: Report) -> Outcome:
         return Outcome(None, failure, tuple(tried))
     ended = out_of_time(settings.time_limit, len(segments), failure)
     return Outcome(best_so_far(task, segments, broken, seed), ended, tuple(tried))
+
+
+def along(task: Task, report: Report, segments: list[Segment], arcs: list[Arc]) -> Report:
+    """The report with what is planned, and the route: what that has come along, and the arcs still to come."""
+    start = task.world.scene.start.pose
+    route = ((start.R, start.p), *(end_pose(segment) for segment in segments), *(arc.goal for arc in arcs))
+    return told(lambda progress: report(replace(progress, route=route)), segments)
 
 
 def plan_of(task: Task, segments: list[Segment], seed: int, complete: bool) -> Plan | Failure:

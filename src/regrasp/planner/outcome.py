@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from regrasp.plan import Plan
+from regrasp.planner.motion import Motion
 from regrasp.planner.path import Pose
 
 
@@ -31,13 +32,19 @@ class Failure:
 
 @dataclass(frozen=True)
 class Progress:
-    """One report of a long computation: stage in words, done of total steps, current and best energy of Eq. (1)."""
+    """One report of a long computation: stage in words, done of total steps, current and best energy of Eq. (1).
+
+    route: the object's poses between which the local planner is at work or has been. motions: makes the motions from the start
+    on, the last one of the best V found yet; it costs some evaluations, and is to be called before the report returns.
+    """
 
     stage: str
     done: int
     total: int
     energy: float
     best: float
+    route: tuple[Pose, ...] = ()
+    motions: Callable[[], list[Motion]] | None = None
 
 
 @dataclass(frozen=True)

@@ -167,6 +167,12 @@ def picture(answer: dict[str, Any]) -> None:
     print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
 
 
+def page(answer: dict[str, Any]) -> None:
+    """File and size of the page."""
+    if "html" in answer:
+        print(f"{answer['html']}: {answer['bytes'] / 1e6:.2f} MB")
+
+
 def commands(answer: dict[str, Any]) -> None:
     """The commands, the exit codes."""
     width = max(map(len, answer["commands"]))

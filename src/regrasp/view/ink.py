@@ -5,7 +5,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from matplotlib import get_data_path
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -13,8 +12,8 @@ Array = NDArray[np.float64]
 Colour = str
 
 DARK, GREY, WHITE = "#2b2b2b", "#8a8a8a", "#ffffff"
-AGENTS = ("#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#E69F00", "#999999")
-"""Okabe and Ito's colours, told apart by colour-blind eyes too: one for each agent, in turn."""
+AGENTS = ("#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#E69F00", "#661100")
+"""Okabe and Ito's colours, and a dark one: told apart by colour-blind eyes too, one for each agent, in turn."""
 AGENT_FORCE, SUPPORT_FORCE = "#D55E00", "#0072B2"
 """The two of Okabe and Ito's colours that no agent has: forces of agents, forces of supports."""
 
@@ -25,6 +24,8 @@ SMOOTH = 3
 @cache
 def font(size: float, bold: bool = False) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, which has the signs used here and comes with matplotlib."""
+    from matplotlib import get_data_path
+
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(get_data_path()) / "fonts" / "ttf" / name), size)
 
