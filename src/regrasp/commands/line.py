@@ -24,7 +24,7 @@ WORDS = {
     "scenes": "List the built-in scenes.",
     "models": "List the robots that a scene can name: built-in hands, MuJoCo Menagerie.",
     "doctor": "Say what will go wrong with a scene or a robot, and what to do about it.",
-    "render": "Draw a plan: frames side by side, contact motions marked, forces as arrows.",
+    "render": "Draw a plan: frames side by side or a clip, contact motions marked, forces as arrows.",
     "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals.",
 }
 """Command → what it does."""
@@ -89,3 +89,10 @@ def writable(path: Path) -> None:
         raise InputError("--output", f"no directory {path.parent}", "make it first")
     if path.is_dir():
         raise InputError("--output", f"{path} is a directory", "name a file")
+
+
+def drawable(path: Path) -> None:
+    """Raise InputError before the work if no picture or clip could be written there."""
+    if path.suffix.lower() not in (".png", ".gif", ".mp4"):
+        raise InputError("--output", f"{path} is no .png, .gif or .mp4 file", "a picture or a clip")
+    writable(path)

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated
 
-from regrasp.commands.line import DONE, REFUSED, Answer, parse, writable
+from regrasp.commands.line import DONE, REFUSED, Answer, drawable, parse
 from regrasp.errors import InputError
 
 
@@ -58,20 +58,22 @@ def render(arguments: list[str]) -> Answer:
 
         Args:
             plan: Plan file, as `regrasp plan` writes it.
-            output: Picture to write, a .png file.
-            frames: Number of instants shown, 1 to 12.
+            output: Picture (.png: frames side by side) or clip (.gif, .mp4) to write.
+            frames: Number of instants that a picture shows, 1 to 12.
         """
         return plan, output, frames
 
     path, output, frames = parse(request, "render", arguments)
-    if output.suffix.lower() != ".png":
-        raise InputError("--output", f"{output} is not a .png file", "pictures are written as PNG")
+    drawable(output)
     if not 1 <= frames <= 12:
         raise InputError("--frames", f"is {frames}", "1 to 12")
-    writable(output)
     from regrasp.plan import load
+    from regrasp.view import clip, planned
     from regrasp.view.render import render
 
-    picture = render(load(path), frames)
-    picture.save(output)
-    return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
+    found = load(path)
+    if output.suffix.lower() == ".png":
+        picture = render(found, frames)
+        picture.save(output)
+        return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
+    return DONE, {"clip": str(output), "pictures": clip.write(planned.prepare(found), output)}

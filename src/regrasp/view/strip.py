@@ -12,7 +12,7 @@ from regrasp.view.ink import DARK, GREY, SUPPORT_FORCE, WHITE, Ink
 Array = NDArray[np.float64]
 
 STAY, ROLL, SLIP, MOVE, FREE = "#E4E4E0", "#BBD7EA", "#F2D29B", "#3B3B3B", "#FFFFFF"
-ROW = 26
+ROW, SLIM = 26, 12
 
 
 def height(plan: Plan) -> int:
@@ -33,17 +33,42 @@ def draw(ink: Ink, plan: Plan, instants: Sequence[Instant], colours: Sequence[st
         if i < k:
             ink.disc(np.array([left + 8, y + ROW / 2]), 6, colours[i], DARK)
         ink.text(np.array([left + 22, y + ROW / 2]), name, 14, anchor="lm")
-        for j in range(N):
-            low, high = np.array([begin + cell * j, y + 1.5]), np.array([begin + cell * (j + 1) - 1, y + ROW - 1.5])
-            if i < k:
-                _motion(ink, int(plan.V[j, i]), low, high)
-            else:
-                _support(ink, plan, name, j, low, high)
+    _cells(ink, plan, begin, top, cell, ROW)
     for number, instant in enumerate(instants):
         part = instant.sample / (plan.time.shape[1] - 1)
         x = begin + cell * (instant.interval + part)
         ink.line(np.array([[x, top - 4], [x, top + ROW * len(names) + 2]]), DARK, 1.2, dash=(4, 4))
         ink.text(np.array([x, top - 12]), str(number + 1), 13, bold=True)
+
+
+def slim_height(plan: Plan) -> int:
+    """Of the strip without words, in px."""
+    return 10 + SLIM * (plan.V.shape[1] + len(_supports(plan)))
+
+
+def slim(ink: Ink, plan: Plan, colours: Sequence[str], top: float, at: float) -> None:
+    """Draw the strip without words across the whole sheet; a line stands `at` intervals from its beginning."""
+    N, k = plan.V.shape
+    rows = k + len(_supports(plan))
+    cell = (ink.size[0] - 26 - 8) / N
+    for i in range(k):
+        ink.disc(np.array([13, top + SLIM * (i + 0.5)]), 4, colours[i], DARK)
+    _cells(ink, plan, 26, top, cell, SLIM)
+    x = 26 + cell * at
+    ink.line(np.array([[x, top - 3], [x, top + SLIM * rows + 3]]), DARK, 2.0)
+
+
+def _cells(ink: Ink, plan: Plan, left: float, top: float, cell: float, row: float) -> None:
+    """The motions of all agents and what the object does on supports, in cells of so many px."""
+    N, k = plan.V.shape
+    for i, name in enumerate([*plan.agent_names, *_supports(plan)]):
+        for j in range(N):
+            low = np.array([left + cell * j, top + row * i + 1.5])
+            high = np.array([left + cell * (j + 1) - min(1.0, 0.2 * cell), top + row * (i + 1) - 1.5])
+            if i < k:
+                _motion(ink, int(plan.V[j, i]), low, high)
+            else:
+                _support(ink, plan, name, j, low, high)
 
 
 def _supports(plan: Plan) -> list[str]:
@@ -56,7 +81,7 @@ def _motion(ink: Ink, code: int, low: Array, high: Array) -> None:
         fill = SLIP
     ink.box(low, high, fill, "#D0D0CC" if code == OFF else None)
     word = "R" if code == RELOCATE else "" if code in (0, OFF) else _sign(code)
-    if word and high[0] - low[0] > 9 * len(word):
+    if word and high[0] - low[0] > 9 * len(word) and high[1] - low[1] > 14:
         ink.text((low + high) / 2, word, 12, WHITE if code == RELOCATE else DARK)
 
 
