@@ -85,6 +85,7 @@ COMMANDS: dict[str, tuple[Callable[[list[str]], Answer], Callable[[dict[str, Any
     "models": (showing.models, answers.models),
     "doctor": (showing.doctor, answers.diagnosis),
     "render": (showing.render, answers.picture),
+    "plot": (showing.plot, answers.figure),
     "bench": (measuring.bench, nothing),
 }
 """Name → what runs it, what shows its answer."""

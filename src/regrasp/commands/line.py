@@ -25,6 +25,7 @@ WORDS = {
     "models": "List the robots that a scene can name: built-in hands, MuJoCo Menagerie.",
     "doctor": "Say what will go wrong with a scene or a robot, and what to do about it.",
     "render": "Draw a plan: frames side by side or a clip, contact motions marked, forces as arrows.",
+    "plot": "Draw figures of a plan for print: V, energy, forces, joints, clearances.",
     "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals.",
 }
 """Command → what it does."""

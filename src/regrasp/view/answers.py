@@ -170,6 +170,11 @@ def picture(answer: dict[str, Any]) -> None:
         print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
 
 
+def figure(answer: dict[str, Any]) -> None:
+    """File and panels of the figure."""
+    print(f"{answer['figure']}: {', '.join(answer['panels'])}")
+
+
 def commands(answer: dict[str, Any]) -> None:
     """The commands, the exit codes."""
     width = max(map(len, answer["commands"]))

@@ -17,13 +17,13 @@ ROW, SLIM = 26, 12
 
 def height(plan: Plan) -> int:
     """Of the strip, in px."""
-    return 58 + ROW * (plan.V.shape[1] + len(_supports(plan)))
+    return 58 + ROW * (plan.V.shape[1] + len(supports(plan)))
 
 
 def draw(ink: Ink, plan: Plan, instants: Sequence[Instant], colours: Sequence[str], left: float, top: float) -> None:
     """Draw the strip from (left, top) to the same distance from the right edge; triangles mark the frames' instants."""
     N, k = plan.V.shape
-    names = [*plan.agent_names, *_supports(plan)]
+    names = [*plan.agent_names, *supports(plan)]
     begin = left + 150
     cell = (ink.size[0] - left - begin) / N
     _legend(ink, begin, top + 10, k < len(names))
@@ -43,13 +43,13 @@ def draw(ink: Ink, plan: Plan, instants: Sequence[Instant], colours: Sequence[st
 
 def slim_height(plan: Plan) -> int:
     """Of the strip without words, in px."""
-    return 10 + SLIM * (plan.V.shape[1] + len(_supports(plan)))
+    return 10 + SLIM * (plan.V.shape[1] + len(supports(plan)))
 
 
 def slim(ink: Ink, plan: Plan, colours: Sequence[str], top: float, at: float) -> None:
     """Draw the strip without words across the whole sheet; a line stands `at` intervals from its beginning."""
     N, k = plan.V.shape
-    rows = k + len(_supports(plan))
+    rows = k + len(supports(plan))
     cell = (ink.size[0] - 26 - 8) / N
     for i in range(k):
         ink.disc(np.array([13, top + SLIM * (i + 0.5)]), 4, colours[i], DARK)
@@ -61,7 +61,7 @@ def slim(ink: Ink, plan: Plan, colours: Sequence[str], top: float, at: float) ->
 def _cells(ink: Ink, plan: Plan, left: float, top: float, cell: float, row: float) -> None:
     """The motions of all agents and what the object does on supports, in cells of so many px."""
     N, k = plan.V.shape
-    for i, name in enumerate([*plan.agent_names, *_supports(plan)]):
+    for i, name in enumerate([*plan.agent_names, *supports(plan)]):
         for j in range(N):
             low = np.array([left + cell * j, top + row * i + 1.5])
             high = np.array([left + cell * (j + 1) - min(1.0, 0.2 * cell), top + row * (i + 1) - 1.5])
@@ -71,15 +71,20 @@ def _cells(ink: Ink, plan: Plan, left: float, top: float, cell: float, row: floa
                 _support(ink, plan, name, j, low, high)
 
 
-def _supports(plan: Plan) -> list[str]:
+def supports(plan: Plan) -> list[str]:
+    """Names of the supports that the plan uses."""
     return sorted({name for p, name in enumerate(plan.support_names) if plan.support_mode[:, p].any()})
 
 
-def _motion(ink: Ink, code: int, low: Array, high: Array) -> None:
-    fill = STAY if code == 0 else MOVE if code == RELOCATE else FREE if code == OFF else ROLL
+def fill(code: int) -> str:
+    """Colour of a contact motion."""
     if FIRST_SLIDE <= code < RELOCATE:
-        fill = SLIP
-    ink.box(low, high, fill, "#D0D0CC" if code == OFF else None)
+        return SLIP
+    return STAY if code == 0 else MOVE if code == RELOCATE else FREE if code == OFF else ROLL
+
+
+def _motion(ink: Ink, code: int, low: Array, high: Array) -> None:
+    ink.box(low, high, fill(code), "#D0D0CC" if code == OFF else None)
     word = "R" if code == RELOCATE else "" if code in (0, OFF) else _sign(code)
     if word and high[0] - low[0] > 9 * len(word) and high[1] - low[1] > 14:
         ink.text((low + high) / 2, word, 12, WHITE if code == RELOCATE else DARK)
@@ -99,18 +104,18 @@ def _support(ink: Ink, plan: Plan, name: str, j: int, low: Array, high: Array) -
         ink.line(np.array([[low[0] + 2, middle], [high[0] - 2, middle]]), WHITE, 1.5, dash=(3, 3))
 
 
-def _legend(ink: Ink, x: float, y: float, supports: bool) -> None:
-    for fill, words in (
+def _legend(ink: Ink, x: float, y: float, of_supports: bool) -> None:
+    for own, words in (
         (STAY, "stay"),
         (ROLL, "roll about ±x, ±y"),
         (SLIP, "slide along ±x, ±y"),
         (MOVE, "relocate"),
         (FREE, "off"),
     ):
-        ink.box(np.array([x, y - 7]), np.array([x + 20, y + 7]), fill, GREY if fill == FREE else None)
+        ink.box(np.array([x, y - 7]), np.array([x + 20, y + 7]), own, GREY if own == FREE else None)
         ink.text(np.array([x + 27, y]), words, 13, anchor="lm")
         x += 50 + 7.6 * len(words)
-    for sliding, words in ((False, "support sticks"), (True, "support slides")) if supports else ():
+    for sliding, words in ((False, "support sticks"), (True, "support slides")) if of_supports else ():
         ink.box(np.array([x, y - 4]), np.array([x + 20, y + 4]), SUPPORT_FORCE)
         if sliding:
             ink.line(np.array([[x + 2, y], [x + 18, y]]), WHITE, 1.5, dash=(3, 3))
