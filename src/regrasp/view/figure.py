@@ -24,7 +24,7 @@ PANELS = ("V", "energy", "forces", "joints", "clearances")
 SUFFIXES = (".pdf", ".svg", ".png")
 WIDTH = 7.0
 """in: two columns of a paper."""
-STYLE: Mapping[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 7.5, "axes.titlesize": 8, "axes.titleweight": "bold",
     "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.6,
     "lines.linewidth": 1.2, "legend.frameon": False, "legend.fontsize": 7, "xtick.major.width": 0.6,
@@ -49,7 +49,7 @@ def figure(plan: Plan, what: Sequence[str] = PANELS) -> Figure:
     heights = {"V": [0.5 + 0.16 * (k + len(strip.supports(plan)))], "joints": [0.75] * k}
     rows = [heights.get(name, [1.35]) for name in what]
     each = [height for of_panel in rows for height in of_panel]
-    with rc_context(dict(STYLE)):
+    with rc_context(STYLE):
         whole = Figure(figsize=(WIDTH, sum(each) + 0.4 * len(rows)), layout="constrained")
         # One grid for all, so that the same time is at the same place in all panels.
         axes = list(whole.subplots(len(each), 1, squeeze=False, height_ratios=each)[:, 0])
@@ -63,7 +63,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure by the path's suffix, one of SUFFIXES; the same figure gives the same bytes."""
     suffix = Path(path).suffix.lower()
     date = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}[suffix]
-    with rc_context(dict(STYLE)):
+    with rc_context(STYLE):
         figure.savefig(path, metadata=date, dpi=200)
 
 
