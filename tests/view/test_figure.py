@@ -68,7 +68,7 @@ def test_clearances_are_the_least_distances_of_all_pairs_of_their_kind(home_plan
     far = FAR * object_radius(world)
     found = clearances(plan, world, far)
     owner = {g: "agent" for agent in world.agents for g in agent.geoms}
-    owner |= {g: "object" for g in world.object_geoms}
+    owner |= dict.fromkeys(world.object_geoms, "object")
     data = mujoco.MjData(world.model)
     for j, m in ((0, 0), (2, 2), (4, 3)):
         put(world, plan, Instant(j, m), data)

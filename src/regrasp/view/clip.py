@@ -29,7 +29,7 @@ class Form:
     most: int
 
 
-FORMS = {".gif": Form(480, 70, 150), ".mp4": Form(640, 40, 300)}
+FORMS = {".gif": Form(480, 70, 150), ".mp4": Form(640, 40, 200)}
 """GIF counts in hundredths of a second, and grows with every pixel that changes."""
 LAST = 1500
 """ms for which the last picture stands."""
