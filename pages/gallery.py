@@ -17,10 +17,13 @@ from regrasp.scene.load import builtin, load
 from regrasp.settings import read
 from regrasp.verify.check import check
 from regrasp.view import clip, planned
+from regrasp.view.figure import figure, save
 from regrasp.view.render import render
 
 DOCS = Path(__file__).parents[1] / "docs"
 SEED = 0
+FIRST = "fig4-relocation"
+"""Whose clip is the moving picture of the first page, and whose figure explains figures."""
 WIDTH = 1100
 """Of a picture, px."""
 HEAD = """# Gallery
@@ -41,8 +44,21 @@ def make(name: str) -> dict[str, Any]:
     size = (WIDTH, round(picture.height * WIDTH / picture.width))
     small = picture.resize(size, Image.Resampling.LANCZOS).quantize(96, dither=Image.Dither.NONE)
     small.save(DOCS / "img" / f"{name}.png", optimize=True)
-    clip.write(planned.prepare(plan), DOCS / "img" / f"{name}.mp4")
+    reel = planned.prepare(plan)
+    clip.write(reel, DOCS / "img" / f"{name}.mp4")
+    if name == FIRST:
+        clip.write(reel, DOCS / "img" / f"{name}.gif")
+        small_figure(plan, DOCS / "img" / "figure.png")
     return facts(plan)
+
+
+def small_figure(plan: Plan, path: Path) -> None:
+    """The figure of a plan in few colours: lines need no more."""
+    save(figure(plan), path)
+    with Image.open(path) as whole:
+        size = (WIDTH, round(whole.height * WIDTH / whole.width))
+        few = whole.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(48, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
 
 
 def facts(plan: Plan) -> dict[str, Any]:

@@ -29,10 +29,12 @@ class Form:
     most: int
 
 
-FORMS = {".gif": Form(480, 70, 150), ".mp4": Form(640, 40, 200)}
+FORMS = {".gif": Form(420, 100, 75), ".mp4": Form(640, 40, 200)}
 """GIF counts in hundredths of a second, and grows with every pixel that changes."""
 LAST = 1500
 """ms for which the last picture stands."""
+COLOURS = 128
+"""Of a GIF: with more it grows faster than it gets better."""
 BAR = 32
 """Height of the line of words, px."""
 
@@ -117,7 +119,7 @@ def _gif(pictures: Sequence[Image.Image], accents: Sequence[str], form: Form, pa
     signs = (255 * np.array([rgb(colour) for colour in accents])).round()
     # The colours that carry meaning cover little of a picture: the palette's method would mix them with others.
     some.append(np.repeat(signs.astype(np.uint8), 40 * form.width, axis=0).reshape(-1, form.width, 3))
-    palette = Image.fromarray(np.concatenate(some)).quantize(255, method=Image.Quantize.MEDIANCUT)
+    palette = Image.fromarray(np.concatenate(some)).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
     plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     delays = [form.delay] * (len(plain) - 1) + [LAST]
     plain[0].save(path, "GIF", save_all=True, append_images=plain[1:], duration=delays, loop=0, disposal=1)
