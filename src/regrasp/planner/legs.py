@@ -8,7 +8,7 @@ take hold anew; in the air those who hold it may hand it over to others who are 
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
+DENSER = 4  # times as many candidates, where contacts on fewer are lost
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
@@ -90,10 +91,16 @@ def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
 
 
 def stances_for(
-    task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None
-) -> tuple[Stance, ...] | Failure:
-    """Grasps at the start of a path, those first with which the agents can probably stay in contact along it."""
-    scan, terms = new_scan(task.hand, path, task.settings.local.relocation), terms_of(task.hand, task.settings.local)
+    task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None,
+    denser: int = 1,
+) -> tuple[Stance, ...] | Failure:  # fmt: skip
+    """Grasps at the start of a path, those first with which the agents can probably stay in contact along it.
+
+    denser: times as many candidates as for a relocation are looked at.
+    """
+    local = task.settings.local
+    relocation = replace(local.relocation, candidates=denser * local.relocation.candidates)
+    scan, terms = new_scan(task.hand, path, relocation), terms_of(task.hand, local)
     return find_grasp(task.hand, path, scan, terms, off, task.names, task.settings.grasp, rng, holding)
 
 
@@ -228,12 +235,14 @@ def without_search(
             return Planned([made[0]], made[1], STAYED, None)
         failed = made
     if grasp is None or task.router.rests(arcs[0].start):
-        for count in dict.fromkeys((len(arcs), 1)):
-            stances = stances_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
+        # Few contacts of agents of few joints can be kept, so that more candidates are worth their time.
+        scans = [(count, 1) for count in dict.fromkeys((len(arcs), 1))]
+        for count, denser in scans + ([(1, DENSER)] if grasp is None and wandering else []):
+            stances = stances_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off, None, denser)
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances if wandering else stances[: STANCES if carried or others else 1]:
+            for stance in lasting(stances) if wandering else stances[: STANCES if carried or others else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held
@@ -258,6 +267,11 @@ def without_search(
                 return Planned(there.segments + rest.segments, rest.grasp, TOOK_HOLD, None)
     assert failed is not None
     return failed
+
+
+def lasting(stances: tuple[Stance, ...]) -> tuple[Stance, ...]:
+    """Those whose contacts can probably all be kept, else the first."""
+    return tuple(stance for stance in stances if stance.kept == 1.0) or stances[:1]
 
 
 def taken(task: Task, arc: Arc, whole: Path, grasp: Grasp | None, stance: Stance, stage: str) -> Planned | Failure:
