@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.kernels.native import heap, kernel
+from regrasp.kernels.rotations import dot
 from regrasp.view.camera import Camera
-from regrasp.view.rays import BUNDLE, Shapes, cast, dot, first, from_point, shapes
+from regrasp.view.rays import BUNDLE, Shapes, cast, first, from_point, shapes
 
 Array = NDArray[np.float64]
 
