@@ -139,6 +139,7 @@ class Stage {
   /** The picture at a time, for the layers that are on. */
   picture(time, layers, camera) {
     const story = this.story;
+    this.pixel = camera.pixel;
     this.passing.forEach((strokes) => this.painter.forget(strokes));
     this.passing = [];
     const instant = story.at(Math.min(time, story.end)), record = story.run ? story.record(time) : null;
@@ -202,7 +203,7 @@ class Stage {
   brief(points, colour, width) {
     const strokes = this.painter.strokes([points]);
     this.passing.push(strokes);
-    return { strokes, colour, width: width * (devicePixelRatio || 1) };
+    return { strokes, colour, width: width * this.pixel };
   }
 
   /** Light from above, and the floors that it falls on. */
