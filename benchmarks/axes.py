@@ -13,7 +13,7 @@ from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.arcs import straight
 from regrasp.planner.configurations import Configurations, Grasp
-from regrasp.planner.legs import pieces_of
+from regrasp.planner.legs import first_piece
 from regrasp.planner.method import opening
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
@@ -76,7 +76,7 @@ def handed(k: int) -> Job:
 
 def unheld(task: Task) -> Path:
     """The nominal path of a scene's first segment, whoever could hold the object along it."""
-    return pieces_of(task, straight(task.router.start_pose, task.router.goal_pose))[0]
+    return first_piece(task, straight(task.router.start_pose, task.router.goal_pose), None)
 
 
 def changed(scene: Scene, **fields: Any) -> Scene:

@@ -122,8 +122,8 @@ def from_scratch(problem: ContactMotions, V: Codes) -> float:
     keep_only(found, 1 + np.arange(V.shape[1])[None])
     for memory in (work.pairs, work.sums, work.ways):
         forget(memory)
-    scan.status[:] = 0
-    scan.kept[:] = -1.0
+    scan.row[:] = 0
+    scan.used[0] = 1
     return seconds_of(lambda: problem.reset(V))
 
 

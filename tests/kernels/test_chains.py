@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from regrasp.kernels.chains import Chains, forward, jacobian
+from regrasp.kernels.chains import Chains, couple, forward, jacobian
 from regrasp.kernels.inverse import inverse, inverse_point
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import exp, log
@@ -102,6 +102,54 @@ def test_jacobian_is_the_derivative_of_forward(joints: int, base: bool) -> None:
             (R_a, p_a), (R_b, p_b) = place(chains, q - step), place(chains, q + step)
             log(R_b[-1] @ R_a[-1].T, w)
             np.testing.assert_allclose(J[:, i], np.r_[p_b[-1] - p_a[-1], w] / (2 * h), atol=1e-8)
+
+
+def coupled(joints: int) -> Chains:
+    """The arm with its last joint following the one before, q_f = 0.2 − 0.7 q_m, and its second the first, q_f = 1.5 q_m."""
+    chains = arm(joints)
+    master, gain, offset = np.arange(joints), np.ones(joints), np.zeros(joints)
+    master[[1, -1]], gain[[1, -1]], offset[-1] = [0, joints - 2], [1.5, -0.7], 0.2
+    lower, upper = chains.lower.copy(), chains.upper.copy()
+    lower[[1, -1]], upper[[1, -1]] = -np.inf, np.inf
+    return dataclasses.replace(
+        chains, lower=lower, upper=upper, free=np.array([joints - 2]), master=master, gain=gain, offset=offset
+    )
+
+
+@pytest.mark.parametrize("joints", [4, 6])
+def test_a_followers_motion_is_its_masters(joints: int) -> None:
+    """The reduced Jacobian is the derivative along the coupling; a follower by itself does nothing."""
+    rng, chains, h = np.random.default_rng(10), coupled(joints), 1e-6
+    for _ in range(10):
+        q = rng.uniform(-3, 3, joints)
+        couple(chains, 0, q)
+        J, w = jacobian_at(chains, q), np.empty(3)
+        for i, step in enumerate(h * np.eye(joints)):
+            if chains.master[i] != i:
+                assert not J[:, i].any()
+                continue
+            ends = q - step, q + step
+            for end in ends:
+                couple(chains, 0, end)
+            (R_a, p_a), (R_b, p_b) = (place(chains, end) for end in ends)
+            log(R_b[-1] @ R_a[-1].T, w)
+            np.testing.assert_allclose(J[:, i], np.r_[p_b[-1] - p_a[-1], w] / (2 * h), atol=1e-8)
+
+
+def test_the_inverse_keeps_joints_coupled() -> None:
+    """Four free joints of six reach a point that some posture reaches, and their followers are where they belong."""
+    rng, chains = np.random.default_rng(11), coupled(6)
+    axis, reached = np.array([1.0, 0.0, 0.0]), 0
+    for _ in range(100):
+        q = rng.uniform(-1.5, 1.5, 6)
+        couple(chains, 0, q)
+        R, p = place(chains, q)
+        residual, _, found = solve_point(chains, p[-1], axis, R[-1] @ axis, q + rng.uniform(-0.1, 0.1, 6))
+        asked = found.copy()
+        couple(chains, 0, asked)
+        np.testing.assert_array_equal(found, asked)
+        reached += residual < 1e-10
+    assert reached > 95
 
 
 def test_a_neighbouring_pose_is_reached_on_the_same_branch() -> None:

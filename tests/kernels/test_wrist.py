@@ -42,6 +42,10 @@ def chain_of(axes: np.ndarray, anchors: np.ndarray, rng: np.random.Generator, ki
         p_WB=rng.normal(size=(1, 3)),
         R_LT=R_LT,
         p_LT=rng.normal(size=(1, 3)),
+        free=np.array([n]),
+        master=np.arange(n),
+        gain=np.ones(n),
+        offset=np.zeros(n),
     )
 
 

@@ -11,7 +11,7 @@ from regrasp.planner.chain import Change
 from regrasp.planner.energy import make_room
 from regrasp.planner.local import terms_of
 from regrasp.planner.motions import ONTO, RELOCATE
-from regrasp.planner.scan import FREE, new_scan
+from regrasp.planner.scan import new_scan
 from regrasp.search.annealing import Settings, anneal
 
 STARTS, INTERVALS, EVALUATIONS = 16, 10, 4000
@@ -43,9 +43,7 @@ def test_downhill_ends_in_different_local_minima(searches):
         scan = cold.model[2]
         for j, i in np.ndindex(*V.shape):
             # All motions but relocations, and all candidates that are known to be free.
-            for code in [c for c in range(ONTO) if c != RELOCATE] + list(
-                ONTO + np.flatnonzero(scan.status[i, j + 1] == FREE)
-            ):
+            for code in [c for c in range(ONTO) if c != RELOCATE] + list(ONTO + np.flatnonzero(scan.row[i, j + 1] > 0)):
                 other = V.copy()
                 other[j, i] = code
                 make_room(cold.found, cold.work, cold.current)

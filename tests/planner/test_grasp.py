@@ -15,7 +15,7 @@ from regrasp.planner.arcs import straight
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import pieces_of
+from regrasp.planner.legs import first_piece
 from regrasp.planner.outcome import Failure
 from regrasp.planner.stances import OUT, drawn, find_grasp, grasp_cost, look_over, nothing_ahead
 from regrasp.planner.task import prepare
@@ -89,7 +89,7 @@ def given(contacts: list[dict], position: list[float] | None = None, off: tuple[
     if position:
         pose["position"] = position
     task = prepare(changed(scene, start={"pose": pose, "grasp": contacts, "off": off}), SMALL)
-    path = pieces_of(task, straight(task.router.start_pose, task.router.goal_pose))[0]
+    path = first_piece(task, straight(task.router.start_pose, task.router.goal_pose), None)
     return Arc(task, path, None), given_grasp(task.hand, path, task.world.scene.start.grasp, task.names)
 
 
@@ -195,7 +195,7 @@ def drawing(a: Arc):
         q = hand.home[a.joints(i)]
         R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
         forward(hand.chains, i, q, R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+        place_agent(hand, i, np.eye(3), np.zeros(3), R_WL, p_WL, rest_R[i], rest_p[i])
     legal = [np.append(np.flatnonzero(row >= 0.0), [OUT] * carried).astype(np.int64) for row in ahead.kept]
     counts, table = np.array([len(row) for row in legal]), np.full((k, max(map(len, legal))), OUT)
     for row, free in zip(table, legal, strict=True):
@@ -263,8 +263,8 @@ def test_a_stance_says_on_which_candidates_its_agents_stand(name: str, off: tupl
             if c == OUT:
                 np.testing.assert_array_equal(q, a.hand.home[a.joints(i)])
             else:
-                np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[i, 0, c])
-                np.testing.assert_array_equal(q, scan.q[i, 0, c, : len(q)])
+                np.testing.assert_array_equal(stance.grasp.p_OC[i], scan.p[scan.row[i, 0, c]])
+                np.testing.assert_array_equal(q, scan.q[scan.row[i, 0, c], : len(q)])
 
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig4-relocation", "heavy-push"])

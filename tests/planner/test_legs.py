@@ -17,8 +17,9 @@ from regrasp.planner.legs import (
     STAYED,
     TOOK_HOLD,
     Planned,
+    first_piece,
     intervals,
-    path_of,
+    paths_of,
     pieces_of,
     plan_leg,
     rest_at,
@@ -50,7 +51,7 @@ def stance(task: Task, arcs: list[Arc], seed: int) -> Stance:
     """The grasp that one random choice leads to."""
     one = dataclasses.replace(task.settings, grasp=dataclasses.replace(task.settings.grasp, restarts=1))
     task = dataclasses.replace(task, settings=one)
-    made = stances_for(task, path_of(task, arcs), np.random.default_rng(seed), ())
+    made = stances_for(task, paths_of(task, arcs, None)[0], np.random.default_rng(seed), ())
     assert not isinstance(made, Failure), made
     return made[0]
 
@@ -104,7 +105,7 @@ def test_the_grasp_changes_while_the_object_stands_still(book: tuple[Task, list[
     wanted = next(
         other for other in others
         if not np.array_equal(other.candidates, before.candidates)
-        and not isinstance(stay(task, path_of(task, arcs), other.grasp, ""), Failure)
+        and not isinstance(stay(task, paths_of(task, arcs, None)[0], other.grasp, ""), Failure)
     )  # fmt: skip
     changed = take_hold(task, arcs[0].start, before.grasp, wanted, "segment 1")
     assert not isinstance(changed, Failure), str(changed)
@@ -117,7 +118,7 @@ def test_the_grasp_changes_while_the_object_stands_still(book: tuple[Task, list[
     # One moves at a time; the others hold their contacts or are off.
     assert np.all(np.sum(segment.motion.V == RELOCATE, axis=1) <= 1)
     assert set(np.unique(segment.motion.V)) <= {0, RELOCATE, OFF}
-    on = stay(task, path_of(task, arcs), grasp, "segment 2")
+    on = stay(task, paths_of(task, arcs, None)[0], grasp, "segment 2")
     assert not isinstance(on, Failure), str(on)
     proved(task, [segment, on[0]])
 
@@ -139,7 +140,7 @@ def test_what_cannot_be_held_whole_is_held_in_halves(
 ) -> None:
     """If no contacts last for more than half of the arc, they are taken anew where the book rests in its middle."""
     task, arcs = book
-    half = len(path_of(task, arcs[:1]).R_WO) // 2 + 1
+    half = len(paths_of(task, arcs[:1], None)[0].R_WO) // 2 + 1
 
     def short(task: Task, path, grasp: Grasp, stage: str):
         return Failure("reach", stage, "", "too far", "") if len(path.R_WO) > half else stay(task, path, grasp, stage)
@@ -162,7 +163,7 @@ def test_what_contacts_cannot_be_kept_on_is_annealed() -> None:
     route = task.router.route(START, lambda: False, lambda _: None)
     assert not isinstance(route, Failure)
     arcs, rng = [leg.arc for leg in route], np.random.default_rng(0)
-    stances = stances_for(task, pieces_of(task, arcs[0])[0], rng, ())
+    stances = stances_for(task, first_piece(task, arcs[0], None), rng, ())
     assert not isinstance(stances, Failure)
     planned = plan_leg(task, arcs, stances[0].grasp, 0, rng, lambda _: None, start_clock(0.0))
     assert isinstance(planned, Planned)
@@ -178,15 +179,15 @@ def test_paths_join_and_have_the_intervals_that_turn_and_travel_ask_for(book: tu
         assert n >= 4
         assert a.angle / n <= s.turn * (1.0 + 1e-9)
         assert a.length(0.0) / n <= s.travel * radius * (1.0 + 1e-9)
-        whole, pieces = path_of(task, [a]), pieces_of(task, a)
+        whole, pieces = paths_of(task, [a], None)[0], pieces_of(task, a)
         assert len(whole.R_WO) == n
-        assert all(len(piece.R_WO) <= s.intervals for piece in pieces)
-        ends = [(pieces[0].p_WO[0, 0], a.start[1]), (pieces[-1].p_WO[-1, -1], a.goal[1])]
-        ends += [(one.p_WO[-1, -1], two.p_WO[0, 0]) for one, two in itertools.pairwise(pieces)]
+        assert all(count <= s.intervals for _, _, count in pieces)
+        ends = [(pieces[0][1][0], a.start[1]), (pieces[-1][1][-1], a.goal[1])]
+        ends += [(one[1][-1], two[1][0]) for one, two in itertools.pairwise(pieces)]
         for one, two in ends:
             np.testing.assert_allclose(one, two, atol=1e-12)
-    both = path_of(task, list(arcs[0].halves()))
+    both = paths_of(task, list(arcs[0].halves()), None)[0]
     np.testing.assert_allclose(both.p_WO[-1, -1], arcs[0].goal[1], atol=1e-12)
-    still = rest_at(task, arcs[0].start, 3)
+    still = rest_at(task, arcs[0].start, 3, None)
     assert still.R_WO.shape[0] == 3
     assert np.ptp(still.p_WO.reshape(-1, 3), axis=0).max() == 0.0

@@ -69,7 +69,7 @@ def test_a_body_leaps_if_it_goes_farther_than_the_limit_between_two_rows(name: s
                 oracle.put(a.path.R_WO[0, 0], a.path.p_WO[0, 0], joints)
                 places.append(oracle.data.geom_xpos[agent.geoms].copy())
             far = np.max(np.linalg.norm(np.diff(places, axis=0), axis=-1))
-            verdicts.append(leaps(a.hand, i, q, *scratch))
+            verdicts.append(leaps(a.hand, a.path, 0, i, q, *scratch))
             assert verdicts[-1] == (far > LEAP)
     assert {True, False} == set(verdicts)
 
@@ -80,7 +80,7 @@ def test_only_round_an_object_that_stands_still_are_further_ways_tried() -> None
     for name in ("book-shelf", "wall-pivot", "fig4-relocation"):
         a = arc(name)
         pose = a.path.R_WO[0, 0], a.path.p_WO[0, 0]
-        for path, ways in ((a.path, moving), (rest_at(a.task, pose, 4), still)):
+        for path, ways in ((a.path, moving), (rest_at(a.task, pose, 4, None), still)):
             n = len(path.R_WO)
             scan = new_scan(a.hand, path, a.task.settings.local.relocation)
             problem = ContactMotions(

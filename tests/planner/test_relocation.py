@@ -94,7 +94,7 @@ def truth(problem: ContactMotions, a: Arc, j: int, i: int, c: int) -> tuple[floa
     """The objective: least forces; what is lost of the coming way, and the part of the agents that are stuck afterwards."""
     hand, path, scan, terms, found, _ = problem.model
     m = path.R_WO.shape[1] - 1
-    contacts = [*bearing(problem, j, 1, i), (i, scan.p[i, j + 1, c], scan.n[i, j + 1, c])]
+    contacts = [*bearing(problem, j, 1, i), (i, scan.p[scan.row[i, j + 1, c]], scan.n[scan.row[i, j + 1, c]])]
     force = least_force(a, j, m, contacts, terms.margins)
     kept = outlook_of(hand, path, scan, found.R_WB, found.p_WB, j + 1, i, c, terms.clearance, terms.commands)
     stuck = [
@@ -203,9 +203,9 @@ def test_where_nothing_holds_or_nobody_stands_there_is_a_choice_nonetheless() ->
     assert all(value_of(problem, j, i, c) == np.inf for c in free)
     assert choose(*problem.model, problem.current, j, i, u) == free[-1]
     problem = a.problem(V)
-    problem.model[2].status[i, j + 1] = BARRED
+    problem.model[2].row[i, j + 1] = BARRED
     assert choose(*problem.model, problem.current, j, i, u) == free[-1]
-    problem.model[2].status[i, j + 1] = BARRED
+    problem.model[2].row[i, j + 1] = BARRED
     barred = next(c for c in range(count) if c not in free)
     assert choose(*problem.model, problem.current, j, i, np.array([(barred + 0.5) / count])) == barred
 

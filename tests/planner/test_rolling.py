@@ -11,7 +11,6 @@ from regrasp.planner.follow import short_step
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.legs import roll
 from regrasp.planner.motions import ROLL_MINUS_Y, STAY
-from regrasp.planner.path import pose_at
 from regrasp.planner.rolling import ROOM, cramped, roll_within
 from regrasp.planner.scan import LOOKS, Scan, candidate_free, stay_on, touch
 from regrasp.planner.trace import trace_contact
@@ -30,20 +29,21 @@ def state(a: Arc, scan: Scan, i: int, c: int) -> tuple[np.ndarray, ...]:
     """p_OC, p_TC, R_OT, q of agent i on the candidate, R_WL, p_WL for its links."""
     p_TC, R_OT, n_a = np.empty(3), np.empty((3, 3)), len(a.hand.home[a.joints(i)])
     touch(a.hand, a.path, scan, 0, i, c, p_TC, R_OT)
-    return scan.p[i, 0, c].copy(), p_TC, R_OT, scan.q[i, 0, c].copy(), np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    row = scan.row[i, 0, c]
+    return scan.p[row].copy(), p_TC, R_OT, scan.q[row].copy(), np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
 
 
 def test_it_stays_while_there_is_room_and_takes_the_motion_that_leaves_most() -> None:
     a = arc("allegro-cube")
     steps, stayed, rolled = a.path.R_WO.shape[1] - 1.0, 0, 0
-    poses = (*pose_at(a.path, 0), *pose_at(a.path, 1))
+    poses = (a.path.R_WO[0, 0], a.path.p_WO[0, 0], a.path.R_WO[1, 0], a.path.p_WO[1, 0])
     for i in range(len(a.task.names)):
         for scan, c in stands(a, i):
             offered = {}
             for code in range(STAY, ROLL_MINUS_Y + 1):
                 p_OC, p_TC, R_OT, q, R_WL, p_WL = state(a, scan, i, c)
                 x = np.empty(3)
-                tangents(scan.n[i, 0, c], x, np.empty(3))
+                tangents(scan.n[scan.row[i, 0, c]], x, np.empty(3))
                 if short_step(a.hand, *poses, i, a.terms.commands[code], steps, p_OC, p_TC, R_OT, x, q, R_WL, p_WL):
                     offered[code] = (cramped(a.hand, i, q), q)
             p_OC, p_TC, R_OT, q, R_WL, p_WL = state(a, scan, i, c)
@@ -73,7 +73,7 @@ def test_a_contact_that_can_be_kept_is_kept_at_every_sample() -> None:
             q, p, n_O = np.zeros((LOOKS + 1, 4)), np.zeros((LOOKS + 1, 3)), np.zeros((LOOKS + 1, 3))
             if stay_on(a.hand, a.path, scan, a.terms.commands, 0, i, c, 1, q, p, n_O) < LOOKS:
                 continue
-            grasp = build_grasp(a.hand, a.path.R_WO[0, 0], {i: (q[0], p[0], n_O[0])})
+            grasp = build_grasp(a.hand, a.path, {i: (q[0], p[0], n_O[0])})
             V = np.zeros((n, len(a.task.names)), np.int16)
             roll(a.hand, a.path, a.terms.commands, grasp, V)
             rows = [np.zeros((m + 1, 3)) for _ in range(4)]

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from regrasp.kernels.chains import forward
 from regrasp.kernels.inverse import inverse
 from regrasp.kernels.sampling import sample
-from regrasp.planner.scan import FREE, SPINS, UNKNOWN, aim, candidate_free
+from regrasp.planner.scan import SPINS, UNKNOWN, aim, candidate_free
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_free_candidates_are_touched_and_clear(name: str) -> None:
-    """On a candidate that is FREE the agent's tip touches to 1e-6 m, its links keep the clearance from what is fixed
+    """On a candidate that has a row the agent's tip touches to 1e-6 m, its links keep the clearance from what is fixed
     and from the object, and no joint leaves its range."""
     a = arc(name)
     problem = a.problem(np.zeros((len(a.path.R_WO), len(a.task.names)), np.int16))
@@ -29,18 +29,19 @@ def test_free_candidates_are_touched_and_clear(name: str) -> None:
         own = [set(p.tolist()) <= set(agent.geoms) for p in pairs]
         scan, found = problem.model[2], problem.found
         for c in range(len(scan.p_O)):
-            if not candidate_free(a.hand, a.path, scan, found.R_WB[j], found.p_WB[j], j, i, c, clearance):
+            row = candidate_free(a.hand, a.path, scan, found.R_WB[j], found.p_WB[j], j, i, c, clearance)
+            if not row:
                 continue
-            assert scan.status[i, j, c] == FREE
+            assert scan.row[i, j, c] == row
             free += 1
             q = a.hand.home.copy()
-            q[a.joints(i)] = scan.q[i, j, c, : len(agent.joints)]
+            q[a.joints(i)] = scan.q[row, : len(agent.joints)]
             assert np.all((q[a.joints(i)] >= agent.lower - 1e-12) & (q[a.joints(i)] <= agent.upper + 1e-12))
             R_WO, p_WO = a.path.R_WO[j, 0], a.path.p_WO[j, 0]
             oracle.put(R_WO, p_WO, q)
             centre = R_WO.T @ (oracle.tip(i)[1] - p_WO)
             assert height(a, centre) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
-            assert np.linalg.norm(centre - scan.p[i, j, c]) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
+            assert np.linalg.norm(centre - scan.p[row]) == pytest.approx(a.hand.size_T[i, 0], abs=1e-6)
             for pair, itself in zip(pairs, own, strict=True):
                 assert oracle.apart(*pair) >= (0.0 if itself else clearance) - 1e-6
     assert free > 10
@@ -127,12 +128,13 @@ def test_what_is_asked_once_is_not_scanned_again() -> None:
 
     def ask(clearance: float) -> list[bool]:
         asked = [
-            candidate_free(a.hand, a.path, scan, found.R_WB[1], found.p_WB[1], 1, 0, c, clearance) for c in range(240)
+            candidate_free(a.hand, a.path, scan, found.R_WB[1], found.p_WB[1], 1, 0, c, clearance) > 0
+            for c in range(240)
         ]
-        assert np.all(scan.status[0, 1, :240] != UNKNOWN)
+        assert np.all(scan.row[0, 1, :240] != UNKNOWN)
         return asked
 
     strict = ask(0.01)
     assert ask(0.0) == strict
-    scan.status[:] = UNKNOWN
+    scan.row[:] = UNKNOWN
     assert sum(ask(0.0)) > sum(strict)

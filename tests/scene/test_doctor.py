@@ -76,7 +76,7 @@ def test_a_sound_hand_has_nothing_and_its_chains_end_in_its_tips(make: Make, tmp
             "with impratio=1, noslip_iterations=0 a grasp",
         ),
         (
-            {"more": '<equality><joint joint1="l1" joint2="l2"/></equality>'},
+            {"more": '<equality><joint joint1="l1" joint2="l2" polycoef="0 1 2 0 0"/></equality>'},
             "warning",
             "'l1' and 'l2': bound by an equality",
         ),

@@ -247,7 +247,6 @@ LOOP = """<mujoco><worldbody>
     [
         ('<joint joint1="a" joint2="b"/>', ""),
         ('<connect body1="one" body2="two" anchor="0 0 0"/>', ""),
-        ('<joint joint1="turn" joint2="b"/>', "'turn' and 'b'"),
         ('<weld body1="two" body2="arm"/>', "'two' and 'arm'"),
     ],
 )

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from regrasp.scene.couplings import Coupling
 from regrasp.scene.load import validate
 from regrasp.scene.strength import normal_force
 from regrasp.scene.world import MAX_FORCE, build
@@ -21,6 +22,10 @@ DRIVES = '<position joint="b" kp="5" forcerange="-1.5 1" gear="2"/><motor joint=
 HOME = np.array([0.3, -0.4, 0.02])
 
 
+def free(n: int) -> Coupling:
+    return Coupling(np.arange(n), np.ones(n), np.zeros(n))
+
+
 def arm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(ARM.format(drives=DRIVES))
 
@@ -29,7 +34,7 @@ def test_no_force_of_the_friction_cone_asks_more_of_the_joints_than_they_have() 
     """Limits: of a its own, 2 N m; of b its servo's, 2 × 1 N m; of c its motor's, 10 × 1 N. The weight takes its share."""
     model, mu = arm(), 0.6
     tip = model.geom("tip").id
-    found = normal_force(model, HOME, np.arange(3), tip, mu)
+    found = normal_force(model, HOME, np.arange(3), free(3), tip, mu)
     assert found is not None
     data = mujoco.MjData(model)
     data.qpos[:] = HOME
@@ -53,7 +58,7 @@ def test_no_limit_no_answer_and_a_limit_of_zero_is_none() -> None:
     model = mujoco.MjModel.from_xml_string(
         ARM.format(drives='<position joint="b" kp="5"/>').replace('actuatorfrcrange="-2 2"', "")
     )
-    assert normal_force(model, HOME, np.arange(3), model.geom("tip").id, 0.6) is None
+    assert normal_force(model, HOME, np.arange(3), free(3), model.geom("tip").id, 0.6) is None
 
 
 @pytest.mark.parametrize(
@@ -71,7 +76,7 @@ def test_the_agent_says_then_the_scene_then_the_model(
     (tmp_path / "arm.xml").write_text(ARM.format(drives=DRIVES))
     world = build(validate(scene))
     found = world.agents[0]
-    model = normal_force(arm(), np.zeros(3), np.arange(3), arm().geom("tip").id, found.friction)
+    model = normal_force(arm(), np.zeros(3), np.arange(3), free(3), arm().geom("tip").id, found.friction)
     assert found.max_force == pytest.approx(force or model)
     (tmp_path / "arm.xml").write_text(ARM.format(drives="").replace('actuatorfrcrange="-2 2"', ""))
     assert build(validate(scene)).agents[0].max_force == (force or MAX_FORCE)

@@ -35,7 +35,7 @@ class Controller:
     """Joint targets, rates and feed-forward torques for one period after the other.
 
     It knows the robot's model, its joint sensors and, if there is one, a measured object pose now and then; the simulated
-    world it never sees. stiffness (nq,): K of the drives.
+    world it never sees. stiffness (nq,): K of the drives, zero for joints that follow others.
     """
 
     def __init__(self, world: World, reference: Reference, control: Control, stiffness: Array) -> None:
@@ -49,12 +49,12 @@ class Controller:
         self._state = object_feedback.init(len(world.agents))
         self._correction = np.zeros(len(self._addresses))
         self._pushed: Pose | None = None
-        self._give = 1.0 / stiffness
+        self._give = np.divide(1.0, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0.0)
         self._most = np.array([agent.max_force for agent in world.agents])
         self._tips = [agent.tip_geom for agent in world.agents]
-        joints = np.array([len(agent.qpos) for agent in world.agents])
-        self._owner = np.repeat(np.arange(len(joints)), joints)
-        self._weight = weights(joints, self._model.geom_rbound[self._tips])
+        self._owner = np.repeat(np.arange(len(world.limbs)), [len(limb.qpos) for limb in world.limbs])
+        freedoms = np.array([agent.freedom for agent in world.agents])
+        self._weight = weights(freedoms, self._model.geom_rbound[self._tips])
 
     def command(self, row: int, q: Array, qd: Array) -> Command:
         """What the drives get for this row of the reference, with the joints at q (nq,), moving at qd."""
@@ -73,7 +73,8 @@ class Controller:
             if ref.bears[row, i]:
                 mujoco.mj_applyFT(model, data, force[i], NO_TORQUE, where[i], agent.tip_body, torque)  # += Jᵀ f
         rate = ref.qd[row]
-        return Command(ref.q[row] + self._correction, rate, torque[self._dofs] + self._damping * rate)
+        feedforward = self.world.coupling.reduce(torque[self._dofs] + self._damping * rate)
+        return Command(ref.q[row] + self._correction, rate, feedforward)
 
     def forces(self, row: int) -> tuple[Array, Array]:
         """Forces on the object that are fed forward (k, 3), W, and where they act."""
@@ -106,11 +107,11 @@ class Controller:
         self._pushed = displaced(self._pushed, moved)
 
     def _jacobians(self, p: Array) -> Array:
-        """(k, 6, nq): of the tips at p (k, 3)."""
+        """(k, 6, nq): of the tips at p (k, 3); what joints do that follow others is in the columns of these."""
         J = np.empty((len(p), 6, self._model.nv))
         for i, agent in enumerate(self.world.agents):
             mujoco.mj_jac(self._model, self._data, J[i, :3], J[i, 3:], p[i], agent.tip_body)
-        return J[:, :, self._dofs]
+        return self.world.coupling.reduce(J[:, :, self._dofs])
 
     def update(self, row: int, seen: tuple[Array, Array] | None) -> None:
         """Correct the targets, once in a feedback period, after a `command` of about this row.

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.scene.world import World
+from regrasp.scene.world import Agent, Arm, World
 from regrasp.settings import demand
 
 Array = NDArray[np.float64]
@@ -36,7 +36,10 @@ class Impedance:
 
 @dataclass(frozen=True)
 class Gains:
-    """Joint stiffness K and damping D (nq,), agent after agent: N m/rad and N m s/rad, or N/m and N s/m."""
+    """Joint stiffness K and damping D (nq,), agent after agent: N m/rad and N m s/rad, or N/m and N s/m.
+
+    Zero for joints that follow others, which have no drives.
+    """
 
     K: Array
     D: Array
@@ -61,25 +64,48 @@ def gains(world: World, joints: Array, settings: Impedance, period: float) -> Ga
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    K, D = [], []
-    for agent in world.agents:
+    M = world.coupling.matrix.T @ M[np.ix_(world.joint_dofs, world.joint_dofs)] @ world.coupling.matrix
+    # Of an arm that carries a hand all tips' levers count, each as if it had the stiffness to itself.
+    levers = [_levers(world, data, limb, settings) for limb in world.limbs]
+    owner = np.repeat(np.arange(len(levers)), [len(squares) for squares, _ in levers])
+    group = np.array([limb.arm if isinstance(limb, Agent) else at - len(world.agents)
+                      for at, limb in enumerate(world.limbs)])  # fmt: skip
+    group = np.where(group < 0, -1 - np.arange(len(group)), group)[owner]
+    K, D = np.zeros(len(owner)), np.zeros(len(owner))
+    squares, mean = (np.concatenate(part) for part in zip(*levers, strict=True))
+    friction = model.dof_damping[world.joint_dofs] @ world.coupling.matrix**2
+    for one in np.unique(group):
+        mine = group == one
+        inertia = M[np.ix_(mine, mine)]
+        least_inertia = 1.0 / np.diag(np.linalg.inv(inertia))
+        K[mine] = np.minimum(settings.stiffness * squares[mine], (STEADY / period) ** 2 * least_inertia)
+        moved = np.diag(inertia) + model.body_mass[world.object_body] * mean[mine]
+        wanted = 2.0 * settings.damping * np.sqrt(K[mine] * moved)
+        damping = np.maximum(wanted - friction[mine], 0.0)  # the joints' own friction damps too
+        fastest = period * np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping))).real.max()
+        D[mine] = damping / max(1.0, fastest)
+    out = np.zeros((2, len(joints)))
+    out[:, world.coupling.free] = K, D
+    return Gains(*out)
+
+
+def _levers(world: World, data: mujoco.MjData, limb: Agent | Arm, settings: Impedance) -> tuple[Array, Array]:
+    """Σ l² over the tips that a limb's free joints move, by which their stiffness grows, and the mean of l², (n_free,)."""
+    model, C, free = world.model, limb.coupling.matrix, limb.coupling.free
+    hinge = model.jnt_type[limb.joints[free]] == int(mujoco.mjtJoint.mjJNT_HINGE)
+    agents = (
+        [limb] if isinstance(limb, Agent) else [a for a in world.agents if a.arm >= 0 and world.arms[a.arm] is limb]
+    )
+    squares, mean = np.zeros(len(hinge)), np.zeros(len(hinge))
+    for agent in agents:
         J = np.empty((3, model.nv))
         mujoco.mj_jac(model, data, J, None, data.geom_xpos[agent.tip_geom], agent.tip_body)
-        lever = np.linalg.norm(J[:, agent.dofs], axis=0)
-        hinge = model.jnt_type[agent.joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        lever = np.linalg.norm(J[:, limb.dofs] @ C, axis=0)
         # A slide's lever is 1, not a length. A hinge through the tip's centre still moves its surface.
         least = max(settings.lever * lever[hinge].max(initial=0.0), model.geom_rbound[agent.tip_geom])
-        inertia = M[np.ix_(agent.dofs, agent.dofs)]
-        free = 1.0 / np.diag(np.linalg.inv(inertia))
-        stiffness = settings.stiffness * np.where(hinge, np.maximum(lever, least), lever) ** 2
-        stiffness = np.minimum(stiffness, (STEADY / period) ** 2 * free)
-        moved = np.diag(inertia) + model.body_mass[world.object_body] * lever**2
-        wanted = 2.0 * settings.damping * np.sqrt(stiffness * moved)
-        damping = np.maximum(wanted - model.dof_damping[agent.dofs], 0.0)  # the joint's own friction damps too
-        fastest = period * np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping))).real.max()
-        K.append(stiffness)
-        D.append(damping / max(1.0, fastest))
-    return Gains(np.concatenate(K), np.concatenate(D))
+        squares += np.where(hinge, np.maximum(lever, least), lever) ** 2
+        mean += lever**2 / len(agents)
+    return squares, mean
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,8 @@ def moved_tip(model: mujoco.MjModel, data: mujoco.MjData, world: World, i: int, 
     mujoco.mj_comPos(model, data)
     J = np.empty((6, model.nv))
     mujoco.mj_jac(model, data, J[:3], J[3:], data.geom_xpos[agent.tip_geom], agent.tip_body)
-    return solve_step(J[:, agent.dofs], step, model.geom_rbound[agent.tip_geom])
+    C = agent.coupling.matrix
+    return np.asarray(C @ solve_step(J[:, agent.dofs] @ C, step, model.geom_rbound[agent.tip_geom]))
 
 
 DAMPING = 1e-4
@@ -223,15 +224,15 @@ DAMPING = 1e-4
 
 
 def solve_step(J: Array, step: Array, radius: float) -> Array:
-    """Joint change (n,) for one tip: Jacobian J (6, n), wanted displacement (6,); see `solve_steps`."""
+    """Change (n,) of one tip's free joints: Jacobian J (6, n), wanted displacement (6,); see `solve_steps`."""
     return solve_steps(
         J[None], step[None], weights(np.array([J.shape[1]]), np.array([radius])), np.zeros(len(J.T), int)
     )
 
 
-def weights(joints: NDArray[np.int64], radius: Array) -> Array:
-    """(k, 6, 1): how much each component of a displacement counts for agents with so many joints and such tips."""
-    turn = np.where(joints >= 6, 1.0, 0.1) * radius
+def weights(freedoms: NDArray[np.int64], radius: Array) -> Array:
+    """(k, 6, 1): how much each component of a displacement counts for agents with so many free joints and such tips."""
+    turn = np.where(freedoms >= 6, 1.0, 0.1) * radius
     return np.concatenate([np.ones((len(turn), 3)), np.repeat(turn[:, None], 3, axis=1)], axis=1)[..., None]
 
 

@@ -6,9 +6,9 @@ The rows are equilibrium (always active) and those caps that were violated on th
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import inlined
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array
 
@@ -76,7 +76,7 @@ def program(columns: int, groups: int) -> Program:
     )
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def combine(A: Array, group: Indices, rows: Indices, share: Array, n: int, m: int, v: Array, out: Array) -> None:
     """out_j = vᵀ (column j over the active rows)."""
     v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]
@@ -90,7 +90,7 @@ def combine(A: Array, group: Indices, rows: Indices, share: Array, n: int, m: in
             out[j] += share[group[j] + 1]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: int, w: Array) -> None:
     """w = B⁻¹ times the column of variable q over the active rows."""
     if q >= 0:
@@ -114,7 +114,7 @@ def column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: i
                 w[i] += inverse[i, k]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def pivot(inverse: Array, w: Array, m: int, r: int) -> None:
     """The variable with column w takes place r of the basis: product-form update of the inverse."""
     s = 1.0 / w[r]
@@ -137,7 +137,7 @@ def pivot(inverse: Array, w: Array, m: int, r: int) -> None:
         inverse[r, k] = t
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def square(inverse: Array, m: int, i: int) -> float:
     """Squared length of row i of the inverse."""
     s = 0.0
@@ -148,7 +148,7 @@ def square(inverse: Array, m: int, i: int) -> float:
     return s
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def times_load(inverse: Array, b: Array, cap: Array, rows: Indices, m: int, i: int) -> float:
     """Row i of the inverse times the right-hand side (b, caps) of the active rows."""
     s = 0.0
@@ -159,7 +159,7 @@ def times_load(inverse: Array, b: Array, cap: Array, rows: Indices, m: int, i: i
     return s
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def load(P: Program, n: int) -> int:
     """Factor P.basis from scratch and derive x, y and d; returns the number of active rows.
 
@@ -215,7 +215,7 @@ def load(P: Program, n: int) -> int:
     return m
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def add_cap(P: Program, m: int, g: int) -> None:
     """Row m becomes the cap of group g with its slack basic: the reduced costs stay as they are."""
     inverse, head = P.inverse, P.head
@@ -234,14 +234,14 @@ def add_cap(P: Program, m: int, g: int) -> None:
     P.x[m] = value
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def forget(basis: Indices) -> None:
     """The basis of all logical variables."""
     for i in range(basis.size):
         basis[i] = -1 - i
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def remember(P: Program, m: int) -> None:
     """P.basis = the basis of the complete program: inactive caps have their slack basic."""
     forget(P.basis)

@@ -2,14 +2,17 @@
 
 Link i of a chain is the frame that moves with its joint i: origin on the joint's anchor. The tip frame T is fixed in
 the last link. Every pose is X_AB = (R_AB, p_AB).
+
+A joint may follow another one of its chain, q_f = offset + gain · q_m. Its value is kept beside the others', and a rate or a
+step of the master is one of both: the follower's column of a Jacobian belongs to the master.
 """
 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, multiply
 
@@ -30,9 +33,24 @@ class Chains(Record):
     p_WB: Array  # (k, 3)
     R_LT: Array  # (k, 3, 3) tip frame in the last link
     p_LT: Array  # (k, 3)
+    free: NDArray[np.int64]  # (k,) joints of each chain that follow no other
+    master: NDArray[np.int64]  # (nq,) the joint of its chain, 0 … n_a − 1, that each one follows; itself if it is free
+    gain: Array  # (nq,)
+    offset: Array  # (nq,)
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def couple(chains: Chains, a: int, q: Array) -> None:
+    """Give the joints of q (n_a,) that follow others the values that these ask for."""
+    first, n = chains.start[a], q.shape[0]
+    if chains.free[a] < n:
+        for i in range(n):
+            m = chains.master[first + i]
+            if m != i:
+                q[i] = chains.offset[first + i] + chains.gain[first + i] * q[m]
+
+
+@kernel
 def forward(chains: Chains, a: int, q: Array, R_WL: Array, p_WL: Array) -> None:
     """Poses of chain a's links, [0 … n_a − 1], and of its tip frame T, [n_a], at its joints q (n_a,).
 
@@ -72,14 +90,16 @@ def forward(chains: Chains, a: int, q: Array, R_WL: Array, p_WL: Array) -> None:
         p_WL[n, r] = p[r] + R[r, 0] * o[0] + R[r, 1] * o[1] + R[r, 2] * o[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def jacobian(chains: Chains, a: int, R_WL: Array, p_WL: Array, p_W: Array, J: Array) -> None:
     """Geometric Jacobian J (6, n_a) of the point p_W of chain a's last link, from the poses that `forward` wrote.
 
-    Rows 0–2: velocity of the point; rows 3–5: angular velocity of the last link; both in W.
+    Rows 0–2: velocity of the point; rows 3–5: angular velocity of the last link; both in W. What followers do is in their
+    master's column, their own is zero.
     """
     first = chains.start[a]
-    for i in range(chains.start[a + 1] - first):
+    n = chains.start[a + 1] - first
+    for i in range(n):
         R, u = R_WL[i], chains.axis[first + i]
         x = R[0, 0] * u[0] + R[0, 1] * u[1] + R[0, 2] * u[2]
         y = R[1, 0] * u[0] + R[1, 1] * u[1] + R[1, 2] * u[2]
@@ -91,3 +111,10 @@ def jacobian(chains: Chains, a: int, R_WL: Array, p_WL: Array, p_W: Array, J: Ar
         else:
             J[0, i], J[1, i], J[2, i] = x, y, z
             J[3, i], J[4, i], J[5, i] = 0.0, 0.0, 0.0
+    if chains.free[a] < n:
+        for i in range(n):
+            m = chains.master[first + i]
+            if m != i:
+                for r in range(6):
+                    J[r, m] += chains.gain[first + i] * J[r, i]
+                    J[r, i] = 0.0

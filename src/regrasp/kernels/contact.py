@@ -18,9 +18,8 @@ An object may be hollow: only what happens next to the contact is looked at here
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.grids import Grids
+from regrasp.kernels.native import inlined, kernel
 from regrasp.kernels.rotations import Array, Triple, along, cross, dot, norm, plus, rodrigues, triple, unit
 from regrasp.kernels.surfaces import bend, field, frame
 
@@ -45,7 +44,7 @@ _OPPOSED = 1e-10
 _ITERATIONS = 20
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _pair(kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids) -> Pair:
     # An array is seven machine words to pass on, and its entries are read from memory anew wherever they are used.
     return (
@@ -54,22 +53,22 @@ def _pair(kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids) 
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _columns(R: Array) -> Columns:
     return (R[0, 0], R[1, 0], R[2, 0]), (R[0, 1], R[1, 1], R[2, 1]), (R[0, 2], R[1, 2], R[2, 2])
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _to_object(R: Columns, a: Triple) -> Triple:
     return plus(along(R[0], R[1], a[0], a[1]), a[2], R[2])
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _to_tip(R: Columns, a: Triple) -> Triple:
     return dot(R[0], a), dot(R[1], a), dot(R[2], a)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _turn(w: Triple, R: Columns) -> Columns:
     """exp([w]) R."""
     s, c = rodrigues(dot(w, w))
@@ -81,7 +80,7 @@ def _turn(w: Triple, R: Columns) -> Columns:
     )
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     """The unit tangent x at normal n, carried to the normal m by the smallest rotation that takes n to m.
 
@@ -92,7 +91,7 @@ def _transport(n: Triple, m: Triple, x: Triple) -> Triple:
     return unit(plus(x, -dot(m, x), m))  # round-off would grow over many steps
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _retract(kind: int, size: Size, grids: Grids, p: Triple) -> tuple[Triple, Triple]:
     """(point on the surface near p, outward unit normal there), by Newton's method along ∇F."""
     F, g = field(kind, size, grids, p)
@@ -106,7 +105,7 @@ def _retract(kind: int, size: Size, grids: Grids, p: Triple) -> tuple[Triple, Tr
     return p, unit(g)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _curvature(kind: int, size: Size, grids: Grids, p: Triple, x: Triple, y: Triple) -> Triple:
     """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
     F, g = field(kind, size, grids, p)
@@ -115,7 +114,7 @@ def _curvature(kind: int, size: Size, grids: Grids, p: Triple, x: Triple, y: Tri
     return dot(x, bend_x) / length, dot(y, bend_x) / length, dot(y, bend_y) / length
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _solve(
     pair: Pair, p: Triple, c: Triple, R: Columns, x: Triple, y: Triple,
     turn_x: float, turn_y: float, v_x: float, v_y: float,
@@ -133,7 +132,7 @@ def _solve(
     return OK, (yy * b_x - xy * b_y) / determinant, (xx * b_y - xy * b_x) / determinant, S_O, S_T
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     """The chord under a geodesic arc of length and direction d at its middle, to third order: d − (dᵀSd) Sd/24."""
     t_x, t_y = S[0] * d_x + S[1] * d_y, S[1] * d_x + S[2] * d_y
@@ -141,7 +140,7 @@ def _chord(S: Triple, x: Triple, y: Triple, d_x: float, d_y: float) -> Triple:
     return along(x, y, d_x - k * t_x, d_y - k * t_y)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _rates(
     pair: Pair, p: Triple, c: Triple, R: Columns, n: Triple, x: Triple, command: Motion
 ) -> tuple[int, Triple, Triple, Triple]:
@@ -152,7 +151,7 @@ def _rates(
     return status, along(x, y, p_x, p_y), _to_tip(R, along(x, y, p_x - v_x, p_y - v_y)), along(x, y, w_x, w_y)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contact_rates(
     kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, p_OC: Array, p_TC: Array, R_OT: Array,
     w_O: Array, v_O: Array,
@@ -175,7 +174,7 @@ def contact_rates(
     return status
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, Triple, Triple, Triple]:
     """(status, first angle between the normals, p, c, n): see `settle`."""
     kind_O, size_O, kind_T, size_T, grids = pair
@@ -203,7 +202,7 @@ def _settle(pair: Pair, p: Triple, c: Triple, R: Columns) -> tuple[int, float, T
     return LOST, first, p, c, n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def settle(
     kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, p_OC: Array, p_TC: Array, R_OT: Array,
 ) -> tuple[int, float]:  # fmt: skip
@@ -221,7 +220,7 @@ def settle(
     return status, gap
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _midpoint(
     pair: Pair, command: Motion, p: Triple, c: Triple, R: Columns, x: Triple, n: Triple
 ) -> tuple[int, float, Triple, Triple, Columns, Triple, Triple]:
@@ -245,7 +244,7 @@ def _midpoint(
     return status, gap, p, c, R, _transport(n, n_end, x), n_end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array) -> int:
     """Move the state by `command` in place; in parts where it crosses a seam, at which the midpoint rule overshoots."""
     if command[0] == 0.0 and command[1] == 0.0 and command[2] == 0.0 and command[3] == 0.0:
@@ -272,7 +271,7 @@ def _substep(pair: Pair, command: Motion, p_OC: Array, p_TC: Array, R_OT: Array,
     return status
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance(
     kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids,
     command: Array, substeps: int,

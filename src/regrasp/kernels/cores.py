@@ -8,15 +8,14 @@ and the number (`features`) of each vertex, (4 + 4 V,) or longer.
 
 import math
 
-from numba import njit
-
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple
 
 POINT, SEGMENT, BOX, CYLINDER, ELLIPSOID, PLANE, HULL = 0, 1, 2, 3, 4, 5, 6
 COUNT, FIRST, ROW = 3, 4, 4  # where a HULL's core has V and its first vertex, and how many numbers each vertex takes
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def support(kind: int, core: Array, R: Array, d: Triple) -> Triple:
     """Point of the core furthest along d (any length, not zero), from the core's centre; R its orientation in W.
 

@@ -6,11 +6,11 @@ A sphere is a POINT with a radius, a capsule a SEGMENT with one; kinds and core 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.cores import BOX, PLANE, POINT, SEGMENT, support
 from regrasp.kernels.gjk import gap
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array
 
@@ -30,7 +30,7 @@ class Geoms(Record):
     link: NDArray[np.int64]  # (G,) index into the poses that chains.forward writes; 0 for STATIC and OBJECT
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bounds_far(p_A: Array, bound_A: float, p_B: Array, bound_B: float, limit: float) -> bool:
     """Whether the bounding balls alone show that two bodies are more than limit ≥ 0 apart."""
     x, y, z = p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2]
@@ -38,7 +38,7 @@ def bounds_far(p_A: Array, bound_A: float, p_B: Array, bound_B: float, limit: fl
     return x * x + y * y + z * z > reach * reach
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boxes_far(
     core_A: Array, r_A: float, R_A: Array, p_A: Array, core_B: Array, r_B: float, R_B: Array, p_B: Array, limit: float
 ) -> bool:
@@ -67,7 +67,7 @@ def boxes_far(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _plane(R: Array, p: Array, kind: int, core: Array, R_B: Array, p_B: Array) -> float:
     """Signed distance of a core's lowest point above the half-space; −inf between two half-spaces (they do overlap)."""
     if kind == PLANE:
@@ -76,7 +76,7 @@ def _plane(R: Array, p: Array, kind: int, core: Array, R_B: Array, p_B: Array) -
     return R[0, 2] * (p_B[0] + s[0] - p[0]) + R[1, 2] * (p_B[1] + s[1] - p[1]) + R[2, 2] * (p_B[2] + s[2] - p[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _segments(a: float, R_A: Array, p_A: Array, b: float, R_B: Array, p_B: Array) -> float:
     """Distance between two segments of half lengths a, b ≥ 0 (0: a point) along the z axes of their frames."""
     x, y, z = p_B[0] - p_A[0], p_B[1] - p_A[1], p_B[2] - p_A[2]
@@ -94,7 +94,7 @@ def _segments(a: float, R_A: Array, p_A: Array, b: float, R_B: Array, p_B: Array
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _point_box(p: Array, core: Array, R: Array, p_B: Array) -> float:
     """Signed distance of a point from a box."""
     outside, inside = 0.0, -math.inf
@@ -106,7 +106,7 @@ def _point_box(p: Array, core: Array, R: Array, p_B: Array) -> float:
     return math.sqrt(outside) if outside > 0.0 else inside
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distance(
     kind_A: int, core_A: Array, r_A: float, R_A: Array, p_A: Array,
     kind_B: int, core_B: Array, r_B: float, R_B: Array, p_B: Array,

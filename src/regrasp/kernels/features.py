@@ -2,9 +2,8 @@
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.cores import BOX, COUNT, CYLINDER, FIRST, HULL, PLANE, ROW, SEGMENT, support
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import frame
@@ -16,7 +15,7 @@ LOOKS = 48  # directions in a face's plane in which its corners are looked for
 THIN = 1e-6  # m: half extents below it make no edge
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feature(kind: int, core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
     """The core's points in W furthest along the unit vector d, in order round a face; returns their number, at most RIM.
 
@@ -67,7 +66,7 @@ def feature(kind: int, core: Array, R: Array, p: Array, d: Triple, points: Array
     return 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _box(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
     """`feature` of a BOX, with d in its own frame."""
     steepest = 0
@@ -97,7 +96,7 @@ def _box(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hull(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
     """`feature` of a HULL, with d in its own frame: of faces of more corners those that reach farthest RIM ways."""
     last = FIRST + ROW * int(core[COUNT])
@@ -137,13 +136,13 @@ def _hull(core: Array, R: Array, p: Array, d: Triple, points: Array) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _along(core: Array, i: int, x: Triple) -> float:
     """The vertex at core[i] along x."""
     return x[0] * core[i] + x[1] * core[i + 1] + x[2] * core[i + 2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _flat(core: Array, x: Triple, y: Triple, points: Array, count: int) -> int:
     """Of corners (rows in points[:, 3]) that lie on one line, or on one point, within TOUCH, only its ends; the number left."""
     length, p, q = 0.0, 0, 0
@@ -168,7 +167,7 @@ def _flat(core: Array, x: Triple, y: Triple, points: Array, count: int) -> int:
     return 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _put(R: Array, p: Array, x: float, y: float, z: float, points: Array, i: int) -> None:
     """points[i] = R (x, y, z) + p."""
     for a in range(3):

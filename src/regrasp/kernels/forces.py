@@ -10,9 +10,9 @@ object's weight. `simplex.solve` solves the program.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Vector, cross, plus
 
 Indices = NDArray[np.int64]
@@ -23,7 +23,7 @@ _COS = (1.0, _H, 0.0, -_H, -1.0, -_H, 0.0, _H)
 _SIN = (0.0, _H, 1.0, _H, 0.0, -_H, -1.0, -_H)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def friction_edges(
     p: Vector, n_in: Vector, x: Vector, y: Vector, mu: float, length: float, A: Array, first: int
 ) -> None:
@@ -46,7 +46,7 @@ def friction_edges(
         A[5, j] = s * (pn[2] + u * px[2] + v * py[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def ray(p: Vector, n_in: Vector, t: Vector, mu: float, length: float, A: Array, at: int) -> None:
     """The one boundary ray of a sliding contact as column `at` of A: f = n_in + μ t, t the unit direction of friction.
 
@@ -59,7 +59,7 @@ def ray(p: Vector, n_in: Vector, t: Vector, mu: float, length: float, A: Array, 
     A[3, at], A[4, at], A[5, at] = s * torque[0], s * torque[1], s * torque[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contact_forces(A: Array, solution: Array, first: Indices, weight: float, f: Array) -> None:
     """f[i] = weight Σ λ_e A[:3, e] over the columns first[i] ≤ e < first[i+1] of contact i: (k, 3), N, in W."""
     for i in range(f.shape[0]):

@@ -2,11 +2,10 @@
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.contact import FLAT, LOST, OK
 from regrasp.kernels.gauss import support_point
 from regrasp.kernels.grids import Grids
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple, dot, norm, rotate_back, triple
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import SPHERE, frame, project, shape_operator
@@ -18,7 +17,7 @@ ITERATIONS = 50
 HALVED = 4  # times, after which a step of Newton's method is given up
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _form(S: Array, x: Triple, y: Triple) -> Triple:
     """(xᵀSx, xᵀSy, yᵀSy)."""
     xx, xy, yy = 0.0, 0.0, 0.0
@@ -28,7 +27,7 @@ def _form(S: Array, x: Triple, y: Triple) -> Triple:
     return xx, xy, yy
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gap(
     kind_O: int, size_O: Array, kind_T: int, size_T: Array, grids: Grids, R_OT: Array, p_OT: Array,
     p_OC: Array, p_TC: Array, n_O: Array,
@@ -114,7 +113,7 @@ def gap(
     return LOST, g
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _turned_back(R: Array, a: Triple) -> Triple:
     """Rᵀ a."""
     return (

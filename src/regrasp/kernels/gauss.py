@@ -2,9 +2,8 @@
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.grids import Grids, grid_project
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Triple, Vector, minus, norm
 from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, SPHERE, Size
 
@@ -16,7 +15,7 @@ OPPOSED = 1e-10  # rad by which the normal of a mesh's point may be off
 ITERATIONS = 20
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _side(n: float, half: float) -> float:
     """Where a core of half extent `half` is furthest along a normal's component; its middle where all of it is."""
     if n > FACING:
@@ -24,7 +23,7 @@ def _side(n: float, half: float) -> float:
     return -half if n < -FACING else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def support_point(kind: int, size: Size, grids: Grids, n: Vector) -> Triple:
     """The point of a closed surface that is furthest along the unit vector n: n is the outward normal there.
 
@@ -53,7 +52,7 @@ def support_point(kind: int, size: Size, grids: Grids, n: Vector) -> Triple:
     return _mesh_point(grids, int(size[0]), n)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mesh_point(grids: Grids, m: int, n: Vector) -> Triple:
     # The closest point to x + FAR n is further along n than x, and has the normal n when it is x itself.
     o, h, s = grids.origin, grids.spacing[m], grids.shape

@@ -7,9 +7,8 @@ from below by v·w/|v|. The iteration ends when the two meet.
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.cores import BOX, CYLINDER, SEGMENT, support
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm, plus, unit
 
 ITERATIONS = 128  # tens for smooth bodies, fewer than ten for polytopes
@@ -20,7 +19,7 @@ APART = 1e-4  # m between cores from which on the direction of their distance is
 ROUNDING = 1e-15  # m: round-off of a distance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest2(a: Triple, w: Triple) -> tuple[Triple, bool]:
     """Point of the segment a w nearest to the origin, and whether a is needed for it."""
     e = minus(a, w)
@@ -31,7 +30,7 @@ def _nearest2(a: Triple, w: Triple) -> tuple[Triple, bool]:
     return (w[0] + t * e[0], w[1] + t * e[1], w[2] + t * e[2]), True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest3(a: Triple, b: Triple, w: Triple) -> tuple[Triple, bool, bool]:
     """Point of the triangle a b w nearest to the origin among those with a share of w, and whether a, b are needed."""
     e, f = minus(a, w), minus(b, w)
@@ -50,7 +49,7 @@ def _nearest3(a: Triple, b: Triple, w: Triple) -> tuple[Triple, bool, bool]:
     return q, False, with_b
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _beyond(a: Triple, b: Triple, w: Triple, other: Triple) -> bool:
     """Whether the face a b w separates the origin from the fourth vertex, or the tetrahedron is flat over it."""
     e, f, g = minus(a, w), minus(b, w), minus(other, w)
@@ -59,7 +58,7 @@ def _beyond(a: Triple, b: Triple, w: Triple, other: Triple) -> bool:
     return height * origin <= 0.0 or height * height <= 1e-24 * dot(n, n) * dot(g, g)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _minkowski(
     kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, d: Triple
 ) -> Triple:
@@ -69,7 +68,7 @@ def _minkowski(
     return o[0] + b[0] - a[0], o[1] + b[1] - a[1], o[2] + b[2] - a[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest(
     kind_A: int,
     core_A: Array,
@@ -159,7 +158,7 @@ def _nearest(
     return lower, direction
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gap(
     kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array, limit: float
 ) -> float:
@@ -198,7 +197,7 @@ def gap(
     return -max(depth, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def separation(
     kind_A: int, core_A: Array, R_A: Array, p_A: Array, kind_B: int, core_B: Array, R_B: Array, p_B: Array
 ) -> tuple[float, Triple]:
@@ -229,7 +228,7 @@ def separation(
     return _faced(kind_A, core_A, R_A, kind_B, core_B, R_B, o, h, n, True)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _width(
     kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, n: Triple
 ) -> float:
@@ -237,7 +236,7 @@ def _width(
     return dot(n, _minkowski(kind_A, core_A, R_A, kind_B, core_B, R_B, o, (-n[0], -n[1], -n[2])))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _faced(
     kind_A: int, core_A: Array, R_A: Array, kind_B: int, core_B: Array, R_B: Array, o: Triple, h: float, n: Triple,
     near: bool,
@@ -268,7 +267,7 @@ def _faced(
     return (best, m) if found else (h, n)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _first_axis(kind: int) -> int:
     """First of the frame's axes 0 … 2 along which the core has straight edges: all, z alone, or none (3)."""
     if kind == BOX:

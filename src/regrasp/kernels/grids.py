@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, Triple, Vector, cross, dot, minus, norm, plus, unit
 
@@ -80,7 +80,7 @@ NO_GRIDS = grids_of(())
 """What surfaces without meshes take."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weights(u: float) -> tuple[Four, Four, Four]:
     """The four B-splines over a cell at u in [0, 1] of it, and their first and second derivatives by u."""
     v = 1.0 - u
@@ -96,7 +96,7 @@ def _weights(u: float) -> tuple[Four, Four, Four]:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cell(grids: Grids, m: int, axis: int, x: float) -> tuple[int, float]:
     """(cell, place in it) of a coordinate, or of the end of the grid that is nearest to it."""
     t, last = (x - grids.origin[m, axis]) / grids.spacing[m], grids.shape[m, axis] - 1
@@ -108,7 +108,7 @@ def _cell(grids: Grids, m: int, axis: int, x: float) -> tuple[int, float]:
     return i, t - i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _spline(grids: Grids, m: int, p: Vector) -> tuple[float, Triple]:
     """(F, ∇F) of the spline at the point of the grid that is nearest to p."""
     i, u = _cell(grids, m, 0, p[0])
@@ -133,7 +133,7 @@ def _spline(grids: Grids, m: int, p: Vector) -> tuple[float, Triple]:
     return F, (x / h, y / h, z / h)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _beyond(grids: Grids, m: int, p: Vector) -> tuple[bool, Triple]:
     """(whether p is outside the grid, the point of the grid nearest to it)."""
     o, n, h = grids.origin, grids.shape, grids.spacing[m]
@@ -143,7 +143,7 @@ def _beyond(grids: Grids, m: int, p: Vector) -> tuple[bool, Triple]:
     return x != p[0] or y != p[1] or z != p[2], (x, y, z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grid_field(grids: Grids, m: int, p: Vector) -> tuple[float, Triple]:
     """(F [m], ∇F) of grid m at the point p, in the grid's frame."""
     F, g = _spline(grids, m, p)
@@ -155,7 +155,7 @@ def grid_field(grids: Grids, m: int, p: Vector) -> tuple[float, Triple]:
     return d, (away[0] / d, away[1] / d, away[2] / d)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grid_bend(grids: Grids, m: int, p: Vector, d: Vector) -> Triple:
     """∇²F d of grid m at the point p; outside the grid that of the distance to a point."""
     outside, _ = _beyond(grids, m, p)
@@ -193,7 +193,7 @@ def grid_bend(grids: Grids, m: int, p: Vector, d: Vector) -> Triple:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _onto(grids: Grids, m: int, x: Triple) -> tuple[Triple, Triple]:
     """(point of the surface near x, outward unit normal there), by Newton's method along ∇F."""
     F, g = grid_field(grids, m, x)
@@ -206,7 +206,7 @@ def _onto(grids: Grids, m: int, x: Triple) -> tuple[Triple, Triple]:
     return x, unit(g)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def grid_project(grids: Grids, m: int, p: Vector) -> tuple[float, Triple, Triple]:
     """(signed distance [m], closest point of the surface, outward normal there) of a point p.
 

@@ -5,10 +5,8 @@ Both start from the joints handed in and stay on their branch: continuations alo
 
 import math
 
-import numpy as np
-from numba import njit
-
-from regrasp.kernels.chains import Chains, forward, jacobian
+from regrasp.kernels.chains import Chains, couple, forward, jacobian
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rates import meet_task, solve
 from regrasp.kernels.rotations import Array, cross, dot, log, multiply_back, norm, rotate
 from regrasp.kernels.stack import stack
@@ -21,7 +19,7 @@ STALLED = 0.99  # a step that leaves more of the error than this says that the p
 STEP = 0.25  # rad or m, the longest move of one joint in one step: longer ones could cross to another branch
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _damped_step(
     J: Array, m: int, e: Array, damping: float, q: Array, lower: Array, upper: Array, K: Array, y: Array, step: Array
 ) -> bool:
@@ -71,7 +69,7 @@ def _damped_step(
     return held != 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _error(R_WT: Array, p_WT: Array, m: int, R: Array, p: Array, E: Array, e: Array) -> float:
     """e (m,): translation, and for m = 6 the rotation vector, in W, from the pose (R, p) to X_WT; returns |e|."""
     s = 0.0
@@ -87,7 +85,7 @@ def _error(R_WT: Array, p_WT: Array, m: int, R: Array, p: Array, E: Array, e: Ar
     return math.sqrt(s)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _converge(
     chains: Chains, a: int, R_WT: Array, p_WT: Array, m: int, q: Array, R_WL: Array, p_WL: Array, J: Array
 ) -> tuple[float, bool]:
@@ -99,10 +97,11 @@ def _converge(
     first = chains.start[a]
     n = chains.start[a + 1] - first
     lower, upper = chains.lower[first : first + n], chains.upper[first : first + n]
-    K, E, V, S = stack((6, 6)), stack((3, 3)), stack((3, 6)), np.empty((2, n))
+    K, E, V, S = stack((6, 6)), stack((3, 3)), stack((3, 6)), stack((2, n))
     e, e_new, y, step, old = V[0], V[1], V[2], S[0], S[1]
     for i in range(n):
         q[i] = min(max(q[i], lower[i]), upper[i])
+    couple(chains, a, q)
     forward(chains, a, q, R_WL, p_WL)
     error = _error(R_WT, p_WT, m, R_WL[n], p_WL[n], E, e)
     held, factor, current = False, DAMPING, True
@@ -115,6 +114,7 @@ def _converge(
         for i in range(n):
             old[i] = q[i]
             q[i] = min(max(q[i] + step[i], lower[i]), upper[i])
+        couple(chains, a, q)
         forward(chains, a, q, R_WL, p_WL)
         error_new = _error(R_WT, p_WT, m, R_WL[n], p_WL[n], E, e_new)
         current = error_new < error
@@ -133,20 +133,20 @@ def _converge(
     return error, not held
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inverse(chains: Chains, a: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> tuple[float, bool]:
-    """Joints of chain a that bring its tip frame to the pose (R_WT, p_WT), from q (n_a,) in place; n_a ≥ 6 in general.
+    """Joints of chain a that bring its tip frame to the pose (R_WT, p_WT), from q (n_a,) in place; 6 free ones in general.
 
     Returns (residual, inside): residual = √(|Δp|² + |Δφ|²) with Δp in m and the rotation vector Δφ in rad, < 1e-10
     where the pose is reached; what remains where it is out of reach is a local least-squares error, not a failure of
     the method. q is always within the joint limits; inside is False when a joint had to be held on its limit in the
     last step. R_WL, p_WL are left as `forward` writes them for the q found.
     """
-    J = np.empty((6, q.shape[0]))
+    J = stack((6, q.shape[0]))
     return _converge(chains, a, R_WT, p_WT, 6, q, R_WL, p_WL, J)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def turn_towards(R: Array, axis_T: Array, axis_W: Array, d: Array, e: Array) -> float:
     """d = R axis_T, e = the shortest rotation vector that brings d onto axis_W; returns its angle in [0, π]."""
     rotate(R, axis_T, d)
@@ -170,7 +170,7 @@ def turn_towards(R: Array, axis_T: Array, axis_W: Array, d: Array, e: Array) -> 
     return angle
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _null_step(
     J: Array, still: Array, e: Array, damping: float, q: Array, lower: Array, upper: Array, W: Array, step: Array
 ) -> float:
@@ -196,7 +196,7 @@ def _null_step(
             return share
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inverse_point(
     chains: Chains, a: int, p_WT: Array, axis_T: Array, axis_W: Array, q: Array, R_WL: Array, p_WL: Array
 ) -> tuple[float, float]:
@@ -212,7 +212,7 @@ def inverse_point(
     first = chains.start[a]
     n = chains.start[a + 1] - first
     lower, upper = chains.lower[first : first + n], chains.upper[first : first + n]
-    J, W, S, V = np.empty((6, n)), np.empty((13, max(n, 3))), np.empty((2, n)), np.zeros((3, 3))
+    J, W, S, V = stack((6, n)), stack((13, max(n, 3))), stack((2, n)), stack((3, 3))
     step, best, d, e, still = S[0], S[1], V[0], V[1], V[2]
     residual, _ = _converge(chains, a, R_WL[n], p_WT, 3, q, R_WL, p_WL, J)
     angle = turn_towards(R_WL[n], axis_T, axis_W, d, e)

@@ -10,12 +10,12 @@ an edge or in a face.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.cores import BOX, CYLINDER, HULL, PLANE, SEGMENT, support
 from regrasp.kernels.features import RIM, TOUCH, feature
 from regrasp.kernels.gjk import separation
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, plus, triple
 from regrasp.kernels.surfaces import frame
 
@@ -27,7 +27,7 @@ SAME = 1e-9  # m between corners of a patch that are one
 Flags = NDArray[np.uint8]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contact(
     kind_S: int, core_S: Array, r_S: float, R_S: Array, p_S: Array,
     kind_O: int, core_O: Array, r_O: float, R_O: Array, p_O: Array,
@@ -45,7 +45,7 @@ def contact(
     return dot(n, minus(p_O, p_S)) + dot(n, lowest) - r_S - r_O, n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def patch(
     kind_S: int, core_S: Array, R_S: Array, p_S: Array,
     kind_O: int, core_O: Array, r_O: float, R_O: Array, p_O: Array,
@@ -83,7 +83,7 @@ def patch(
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _flatten(F: Array, count: int, o: Array, x: Triple, y: Triple, flat: Array) -> None:
     """flat (count, 2): the points F in the plane of x and y about o."""
     for i in range(count):
@@ -91,7 +91,7 @@ def _flatten(F: Array, count: int, o: Array, x: Triple, y: Triple, flat: Array) 
         flat[i, 0], flat[i, 1] = dot(x, d), dot(y, d)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lift(
     F: Array, count: int, flat: Array, o: Array, r: float, x: Triple, y: Triple, n: Triple, u: float, v: float, out: Array
 ) -> None:  # fmt: skip
@@ -109,7 +109,7 @@ def _lift(
         out[a] = foot[a] - r * n[a]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _intersect(A: Array, count_A: int, B: Array, count_B: int, Q: Array, spare: Array) -> int:
     """Write the intersection of the convex sets with corners A and B (none: the plane) to Q; returns its corners' number.
 
@@ -143,14 +143,14 @@ def _intersect(A: Array, count_A: int, B: Array, count_B: int, Q: Array, spare: 
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _copy(A: Array, count: int, Q: Array) -> int:
     for i in range(count):
         Q[i, 0], Q[i, 1] = A[i, 0], A[i, 1]
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _parallel(A: Array, B: Array) -> bool:
     """Whether the shorter of two segments turns away from the other's direction by less than TOUCH at its ends."""
     a, b = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1]
@@ -159,7 +159,7 @@ def _parallel(A: Array, B: Array) -> bool:
     return abs(a * d - b * c) <= TOUCH * math.sqrt(max(a * a + b * b, c * c + d * d))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _crossing(A: Array, B: Array) -> tuple[float, float]:
     """Where the line of segment A crosses that of B; a corner of A if it nowhere does."""
     a, b = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1]
@@ -169,7 +169,7 @@ def _crossing(A: Array, B: Array) -> tuple[float, float]:
     return A[0, 0] + t * a, A[0, 1] + t * b
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _overlap(A: Array, B: Array, Q: Array) -> int:
     """The part of segment A beside the parallel segment B, as `_intersect` writes it; 0 if there is none."""
     a, b = A[1, 0] - A[0, 0], A[1, 1] - A[0, 1]
@@ -184,7 +184,7 @@ def _overlap(A: Array, B: Array, Q: Array) -> int:
     return 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _clip(Q: Array, count: int, B: Array, count_B: int, spare: Array) -> int:
     """Cut the polygon (or segment) Q by the convex polygon B, in place (Sutherland & Hodgman 1974)."""
     area = 0.0
@@ -210,7 +210,7 @@ def _clip(Q: Array, count: int, B: Array, count_B: int, spare: Array) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _append(Q: Array, count: int, u: float, v: float) -> int:
     """Put a corner after the `count` of Q unless it is the last one again; returns the new count."""
     if count > 0 and abs(Q[count - 1, 0] - u) + abs(Q[count - 1, 1] - v) <= SAME:
@@ -219,7 +219,7 @@ def _append(Q: Array, count: int, u: float, v: float) -> int:
     return count + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest(Q: Array, count: int, u: float, v: float) -> tuple[float, float]:
     """The point of the convex set with corners Q nearest to (u, v)."""
     best, found = math.inf, (u, v)

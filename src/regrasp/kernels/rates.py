@@ -5,16 +5,15 @@ The Jacobian is `chains.jacobian`'s: rows 0–2 the velocity of a point, rows 3�
 
 import math
 
-import numpy as np
-from numba import njit
-
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array
+from regrasp.kernels.stack import stack
 
 SINGULAR = 1e-2  # pivot ratio below which a task direction counts as nearly singular and is damped
 VANISHED = 1e-9  # pivot ratio below which it is not there at all
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve(K: Array, m: int, y: Array) -> None:
     """y ← K⁻¹ y for the leading m×m block of a symmetric positive definite K (lower triangle read, overwritten)."""
     for j in range(m):
@@ -39,7 +38,7 @@ def solve(K: Array, m: int, y: Array) -> None:
         y[j] = t * K[j, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _remove(G: Array, u: Array) -> None:
     """Take the part along the unit row u out of every row of G."""
     for r in range(G.shape[0]):
@@ -50,7 +49,7 @@ def _remove(G: Array, u: Array) -> None:
             G[r, i] -= s * u[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def meet_task(J: Array, row: int, target: Array, damping: float, used: int, W: Array, out: Array) -> int:
     """out += the step that meets J[row : row + 3] out = target in the least-squares sense, not moving along W[:used].
 
@@ -121,7 +120,7 @@ def meet_task(J: Array, row: int, target: Array, damping: float, used: int, W: A
     return used + rank
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rates(J: Array, v: Array, w: Array, qd: Array, w_achieved: Array) -> float:
     """Joint rates qd (n,) with J[:3] qd = v exactly and J[3:] qd = w in the least-squares sense, from `jacobian`'s J.
 
@@ -130,7 +129,7 @@ def rates(J: Array, v: Array, w: Array, qd: Array, w_achieved: Array) -> float:
     achieved, w_achieved = J[3:] qd, and returns |J[:3] qd − v|, zero to round-off unless J[:3] is nearly singular.
     """
     n = J.shape[1]
-    W = np.empty((13, max(n, 3)))
+    W = stack((13, max(n, 3)))
     qd[:] = 0.0
     used = meet_task(J, 0, v, 0.0, 0, W, qd)
     meet_task(J, 3, w, 0.0, used, W, qd)

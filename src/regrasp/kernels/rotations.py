@@ -7,64 +7,65 @@ Nothing here allocates.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from regrasp.kernels.native import kernel
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Vector = Array | Triple
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def triple(a: Vector) -> Triple:
     """The entries of a (3,)."""
     return a[0], a[1], a[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plus(a: Vector, k: float, b: Vector) -> Triple:
     """a + k b."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def minus(a: Vector, b: Vector) -> Triple:
     """a − b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def along(x: Vector, y: Vector, a_x: float, a_y: float) -> Triple:
     """a_x x + a_y y."""
     return a_x * x[0] + a_y * y[0], a_x * x[1] + a_y * y[1], a_x * x[2] + a_y * y[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cross(a: Vector, b: Vector) -> Triple:
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def dot(a: Vector, b: Vector) -> float:
     """aᵀb."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def norm(a: Vector) -> float:
     """Euclidean length |a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def unit(a: Vector) -> Triple:
     """a / |a|, a ≠ 0."""
     length = norm(a)
     return a[0] / length, a[1] / length, a[2] / length
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rotate(R: Array, a: Array, out: Array) -> None:
     """out = R a (out may be a)."""
     x = R[0, 0] * a[0] + R[0, 1] * a[1] + R[0, 2] * a[2]
@@ -73,7 +74,7 @@ def rotate(R: Array, a: Array, out: Array) -> None:
     out[0], out[1], out[2] = x, y, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rotate_back(R: Array, a: Array, out: Array) -> None:
     """out = Rᵀ a (out may be a)."""
     x = R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2]
@@ -82,7 +83,7 @@ def rotate_back(R: Array, a: Array, out: Array) -> None:
     out[0], out[1], out[2] = x, y, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def multiply(A: Array, B: Array, out: Array) -> None:
     """out = A B (out must be neither A nor B)."""
     for i in range(3):
@@ -90,7 +91,7 @@ def multiply(A: Array, B: Array, out: Array) -> None:
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def multiply_back(A: Array, B: Array, out: Array) -> None:
     """out = Aᵀ B (out must be neither A nor B)."""
     for i in range(3):
@@ -98,7 +99,7 @@ def multiply_back(A: Array, B: Array, out: Array) -> None:
             out[i, j] = A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rodrigues(a2: float) -> tuple[float, float]:
     """(sin a / a, (1 − cos a) / a²) for a² = a2: the coefficients of [w] and [w]² in exp([w]) with |w| = a."""
     if a2 < 0.05:  # the series is faster and, for the second, more accurate than the quotients here
@@ -109,7 +110,7 @@ def rodrigues(a2: float) -> tuple[float, float]:
     return math.sin(a) / a, (1.0 - math.cos(a)) / a2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def exp(w: Array, R: Array) -> None:
     """R = exp([w]), the rotation by |w| rad about w (Rodrigues), exact to round-off at w = 0 too."""
     s, c = rodrigues(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -122,7 +123,7 @@ def exp(w: Array, R: Array) -> None:
     R[1, 2], R[2, 1] = c * y * z - s * x, c * y * z + s * x
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log(R: Array, w: Array) -> None:
     """w with exp([w]) = R and |w| ≤ π, through the unit quaternion so that it holds at π as well."""
     # Shepperd 1978: divide by the largest of the four squared components.

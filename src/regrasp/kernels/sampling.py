@@ -4,9 +4,9 @@ import itertools
 import math
 
 import numpy as np
-from numba import njit
 
 from regrasp.kernels.grids import Grids, grid_field
+from regrasp.kernels.native import heap
 from regrasp.kernels.rotations import Array
 from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, MESH, SPHERE, project
 
@@ -151,7 +151,7 @@ def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
     return cloud[chosen], normals[chosen]
 
 
-@njit(cache=True, nogil=True)
+@heap
 def _shell(grids: Grids, m: int, x: Array, y: Array, z: Array, half: float) -> tuple[Array, Array]:
     """Closest points (·, 3) and normals of the points of a lattice that are no further than `half` from grid m's surface."""
     kind, size = int(MESH), np.array([float(m), 0.0, 0.0, 0.0])

@@ -8,10 +8,10 @@ violated, which keeps dual feasibility.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, add_cap, column, combine, forget, load, pivot, remember, square, times_load
+from regrasp.kernels.native import inlined, kernel, ordered
 from regrasp.kernels.rotations import Array
 
 Indices = NDArray[np.int64]
@@ -34,7 +34,7 @@ _LIMIT = 400
 _NONE = -(1 << 62)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _leaving(inverse: Array, x: Array, head: Indices, m: int, bland: bool) -> int:
     """The basic variable furthest outside its bounds, measured in the space of loads (dual steepest edge), or -1.
 
@@ -54,7 +54,7 @@ def _leaving(inverse: Array, x: Array, head: Indices, m: int, bland: bool) -> in
     return r
 
 
-@njit(cache=True, nogil=True, forceinline=True, fastmath={"nnan", "nsz"})
+@ordered
 def _smallest_ratio(d: Array, alpha: Array, sign: float, least: float, n: int, ratio: Array) -> float:
     """Smallest d_j / -(sign α_j) over the columns with -(sign α_j) > least, inf without any; ratio gets all of them."""
     for j in range(n):
@@ -66,7 +66,7 @@ def _smallest_ratio(d: Array, alpha: Array, sign: float, least: float, n: int, r
     return step
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _entering(P: Program, n: int, m: int, r: int, sign: float, bland: bool) -> int:
     """The variable that keeps the reduced costs ≥ 0 when row r leaves (P.alpha is its pivot row), or _NONE.
 
@@ -99,7 +99,7 @@ def _entering(P: Program, n: int, m: int, r: int, sign: float, bland: bool) -> i
     return q
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _violated(P: Program, m: int) -> int:
     """The group whose cap the basic solution exceeds most, or -1."""
     if P.cap.size == 0:
@@ -119,7 +119,7 @@ def _violated(P: Program, m: int) -> int:
     return worst
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _balanced(P: Program, m: int, objective: float) -> bool:
     """Whether the basic solution bears the load and costs what the dual solution bounds, by arithmetic on the data."""
     A, b, x, y, head = P.A, P.b, P.x, P.y, P.head
@@ -143,7 +143,7 @@ def _balanced(P: Program, m: int, objective: float) -> bool:
     return bool(error <= _BALANCE * total)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def _start(P: Program, n: int) -> int:
     """Load P.basis, or all logical variables where P.basis is not dual feasible; returns the number of active rows."""
     m = 0
@@ -160,7 +160,7 @@ def _start(P: Program, n: int) -> int:
     return m
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
     """Solve the program over its first n columns: (status, objective, pivots).
 

@@ -9,8 +9,7 @@ seed plus Δ, |Δ| ≤ π.
 
 import math
 
-from numba import njit
-
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Triple, Vector, cross, dot
 
 Pair = tuple[float, float]
@@ -20,7 +19,7 @@ FREE: Roots = 1, (1.0, 0.0), (1.0, 0.0)  # any angle will do: the seed's
 NO_ROOTS: Roots = 0, (1.0, 0.0), (1.0, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def turned(h: Vector, turn: Triple, p: Vector) -> Triple:
     """exp([h] θ) p."""
     _, c, s = turn
@@ -28,13 +27,13 @@ def turned(h: Vector, turn: Triple, p: Vector) -> Triple:
     return c * p[0] + s * x[0] + k * h[0], c * p[1] + s * x[1] + k * h[1], c * p[2] + s * x[2] + k * h[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def turned_back(h: Vector, turn: Triple, p: Vector) -> Triple:
     """exp([h] θ)ᵀ p."""
     return turned(h, (turn[0], turn[1], -turn[2]), p)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def about(h: Vector, p: Triple, x: Triple, lever: float, seed: float) -> Triple:
     """Subproblem 1, exp([h] θ) p = x; the seed's angle where p and x are within `lever` of the axis."""
     # From the parts across the axis alone: near it the others' round-off would outweigh them.
@@ -47,7 +46,7 @@ def about(h: Vector, p: Triple, x: Triple, lever: float, seed: float) -> Triple:
     return step - 2.0 * math.pi * math.floor(step / (2.0 * math.pi) + 0.5), c / length, s / length
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def roots(x: float, y: float, lever: float, b: float, square: float, fold: float, seed: Triple) -> Roots:
     """Subproblem 4 as x sin θ + y cos θ = b with lever = √(x² + y²) > 0 and square = lever² − b².
 
@@ -65,14 +64,14 @@ def roots(x: float, y: float, lever: float, b: float, square: float, fold: float
     return count, ((y * b - x * z) * k, (x * b + y * z) * k), ((y * b + x * z) * k, (x * b - y * z) * k)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take(found: Roots, i: int, seed: Triple) -> Triple:
     """Root i as a turn."""
     c, s = found[1] if i == 0 else found[2]
     return math.atan2(s, c), c * seed[1] - s * seed[2], s * seed[1] + c * seed[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def beyond(found: Roots, i: int, least: float) -> bool:
     """Whether root i lies as far off as the angle with the cosine `least`, or farther."""
     return (found[1][0] if i == 0 else found[2][0]) <= least

@@ -20,9 +20,8 @@ signed-distance grid (`kernels.grids`): any closed surface, convex or not, C², 
 
 import math
 
-from numba import njit
-
 from regrasp.kernels.grids import Grids, grid_bend, grid_field, grid_project
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple, Vector, norm
 
 Size = Array | tuple[float, float, float, float]
@@ -30,7 +29,7 @@ Size = Array | tuple[float, float, float, float]
 SPHERE, ELLIPSOID, CAPSULE, CYLINDER, BOX, PLANE, MESH = range(7)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def field(kind: int, size: Size, grids: Grids, p: Vector) -> tuple[float, Triple]:
     """(F, ∇F) at the point p, a triple or an array; where F has a kink (axis, centre) ∇F is a one-sided gradient."""
     x, y, z = p[0], p[1], p[2]
@@ -56,7 +55,7 @@ def field(kind: int, size: Size, grids: Grids, p: Vector) -> tuple[float, Triple
     return grid_field(grids, int(size[0]), p)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rectangle(q_r: float, q_z: float, e: float) -> Triple:
     """Distance to a rectangle dilated by e, with its gradient, from the distances beyond the rectangle's two sides."""
     o_r, o_z = max(q_r, 0.0), max(q_z, 0.0)
@@ -68,7 +67,7 @@ def _rectangle(q_r: float, q_z: float, e: float) -> Triple:
     return q_z - e, 0.0, 1.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _box(size: Size, x: float, y: float, z: float) -> tuple[float, Triple]:
     e = size[3]
     q_x, q_y, q_z = abs(x) - (size[0] - e), abs(y) - (size[1] - e), abs(z) - (size[2] - e)
@@ -84,7 +83,7 @@ def _box(size: Size, x: float, y: float, z: float) -> tuple[float, Triple]:
     return q_z - e, (0.0, 0.0, s_z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bend(kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     """∇²F u at the point p, from F and g = ∇F there; p, g, u and the value are triples (p and u may be arrays)."""
     if kind == ELLIPSOID:
@@ -110,7 +109,7 @@ def bend(kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u:
     return k * (u_x - along * g[0]), k * (u_y - along * g[1]), k * (u_z - along * g[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bend_cylinder(size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Triple:
     rho = math.sqrt(p[0] * p[0] + p[1] * p[1])
     thin, low = size[0] <= size[3], size[1] <= size[3]  # the core is a segment, a disc, or a point
@@ -128,7 +127,7 @@ def _bend_cylinder(size: Size, p: Vector, F: float, g: Triple, u: Vector) -> Tri
     return h_x, h_y, h_z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def implicit(kind: int, size: Array, grids: Grids, p: Array, g: Array, H: Array) -> float:
     """F at p (3,), with g (3,) = ∇F [1; 1/m for the ellipsoid] and H (3, 3) = ∇²F [1/m; 1/m² for the ellipsoid]."""
     F, gradient = field(kind, size, grids, p)
@@ -139,7 +138,7 @@ def implicit(kind: int, size: Array, grids: Grids, p: Array, g: Array, H: Array)
     return F
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shape_operator(kind: int, size: Array, grids: Grids, p: Array, n: Array, S: Array) -> float:
     """F at p (3,), with the outward unit normal n (3,) = ∇F/|∇F| and S (3, 3) = (I−nnᵀ) ∇²F (I−nnᵀ)/|∇F| [1/m].
 
@@ -161,7 +160,7 @@ def shape_operator(kind: int, size: Array, grids: Grids, p: Array, n: Array, S: 
     return F
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def project(kind: int, size: Array, grids: Grids, p: Array, foot: Array, n: Array) -> float:
     """Signed distance [m] of p (3,) to the surface (negative inside), with the closest point foot (3,), normal n (3,).
 
@@ -181,7 +180,7 @@ def project(kind: int, size: Array, grids: Grids, p: Array, foot: Array, n: Arra
     return F
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _project_ellipsoid(size: Array, p: Array, foot: Array, n: Array) -> float:
     # foot_i = a_i² p_i / (t + a_i²) with t the root of |q(t)| = 1, q_i = a_i p_i / (t + a_i²) (Eberly, Distance from a
     # Point to an Ellipsoid). s = t + a_min² keeps its digits where t runs into the pole −a_min². 1/|q| is concave and
@@ -230,7 +229,7 @@ def _project_ellipsoid(size: Array, p: Array, foot: Array, n: Array) -> float:
     return (s - shortest) * length  # p − foot = t foot/a²
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def frame(n: Vector) -> tuple[Triple, Triple]:
     """Unit tangents (x, y), two triples with (x, y, n) right-handed, as a fixed function of the unit normal n.
 
@@ -244,7 +243,7 @@ def frame(n: Vector) -> tuple[Triple, Triple]:
     return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tangents(n: Array, x: Array, y: Array) -> None:
     """Write the tangents of `frame` at the unit normal n (3,) to x (3,) and y (3,)."""
     (x[0], x[1], x[2]), (y[0], y[1], y[2]) = frame(n)

@@ -18,10 +18,10 @@ Inside, vectors are triples.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import HINGE, Chains, forward
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import Array, Triple, cross, dot, minus, norm, plus, triple
 from regrasp.kernels.stack import stack
@@ -61,8 +61,8 @@ class Wrists(Record):
 def wrists_of(chains: Chains) -> Wrists:
     """The closed forms of `chains`, whose bases must stay where they are.
 
-    A chain has one if it is six hinges, axes 4, 5 and 6 meet in one point and either axes 2 and 3 are parallel
-    (PARALLEL, taken where both hold) or axes 1 and 2 meet (INTERSECTING), all to EXACT; NONE otherwise.
+    A chain has one if it is six hinges of which none follows another, axes 4, 5 and 6 meet in one point and either axes 2
+    and 3 are parallel (PARALLEL, taken where both hold) or axes 1 and 2 meet (INTERSECTING), all to EXACT; NONE otherwise.
     """
     k = len(chains.start) - 1
     shapes = {"axis": (6, 3), "origin": (3,), "link": (3, 3), "across": (3,), "sine": (), "offset": (), "elbow": (4,)}
@@ -70,7 +70,7 @@ def wrists_of(chains: Chains) -> Wrists:
     wrists = Wrists(kind=np.full(k, NONE), **{name: np.zeros((k, *shape)) for name, shape in shapes.items()})
     for a in range(k):
         joints = slice(chains.start[a], chains.start[a + 1])
-        if joints.stop - joints.start == 6 and (chains.kind[joints] == HINGE).all():
+        if joints.stop - joints.start == 6 == chains.free[a] and (chains.kind[joints] == HINGE).all():
             _study(chains, a, joints, wrists)
     return wrists
 
@@ -120,7 +120,7 @@ def _meet(h: Array, p: Array) -> tuple[Array, float]:
     return x, float(np.linalg.norm(np.cross(h, x - p), axis=1).max())
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _shoulder(wrists: Wrists, a: int, d: Triple, height: float, seed: Triple) -> Roots:
     """Turns of joint 1 with h_2ᵀ E_1ᵀ d = height."""
     h_1, h_2 = triple(wrists.axis[a, 0]), triple(wrists.axis[a, 1])
@@ -135,7 +135,7 @@ def _shoulder(wrists: Wrists, a: int, d: Triple, height: float, seed: Triple) ->
     return roots(x, y, lever, b, (lever - b) * (lever + b), FOLD * lever, seed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _elbow(wrists: Wrists, a: int, distance: float, seed: Triple) -> Roots:
     """Turns of joint 3 with |l_23 + E_3 l_3c| = distance, what is across h_2 of both if PARALLEL (subproblem 3)."""
     if distance < wrists.reach[a, 0] - REACH or distance > wrists.reach[a, 1] + REACH:
@@ -145,7 +145,7 @@ def _elbow(wrists: Wrists, a: int, distance: float, seed: Triple) -> Roots:
     return roots(x, y, lever, b, (lever - b) * (lever + b), FOLD * lever, seed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _swing(wrists: Wrists, a: int, v: Triple, seed: Triple) -> Roots:
     """Turns of joint 5 with h_4ᵀ E_5 h_6 = h_4ᵀ v."""
     x, y, z, lever = wrists.swing[a, 0], wrists.swing[a, 1], wrists.swing[a, 2], wrists.swing[a, 3]
@@ -160,7 +160,7 @@ def _swing(wrists: Wrists, a: int, v: Triple, seed: Triple) -> Roots:
     return roots(x, y, lever, dot(h_4, v) - z, square, max(FOLD * lever * r, SINGULAR * lever), seed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search(wrists: Wrists, a: int, R_WT: Array, p_WT: Array, seed: Array, near: bool, Q: Array) -> int:
     """Solutions at the turns nearest to the seed (6,) behind one another into Q, and how many were found.
 
@@ -230,7 +230,7 @@ def _search(wrists: Wrists, a: int, R_WT: Array, p_WT: Array, seed: Array, near:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hold(q: Array, lower: Array, upper: Array) -> bool:
     """Whether q (6,) is within the limits; round-off beyond them is taken off it."""
     for i in range(6):
@@ -240,7 +240,7 @@ def _hold(q: Array, lower: Array, upper: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_all(chains: Chains, wrists: Wrists, a: int, R_WT: Array, p_WT: Array, Q: Array) -> int:
     """All joints of chain a, within its limits, that bring its tip frame to (R_WT, p_WT): rows of Q (8, 6), their number.
 
@@ -265,7 +265,7 @@ def solve_all(chains: Chains, wrists: Wrists, a: int, R_WT: Array, p_WT: Array, 
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_near(chains: Chains, wrists: Wrists, a: int, R_WT: Array, p_WT: Array, q: Array) -> bool:
     """Joints of chain a that bring its tip frame to (R_WT, p_WT), of all solutions the nearest to q (6,), in place.
 

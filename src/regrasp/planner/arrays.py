@@ -18,6 +18,7 @@ from regrasp.kernels.distances import OBJECT, STATIC, Geoms
 from regrasp.kernels.rotations import Array
 from regrasp.planner.hulls import hull_core, widened
 from regrasp.scene import collisions
+from regrasp.scene.couplings import coupling
 from regrasp.scene.fits import Primitive
 from regrasp.scene.links import Part
 
@@ -32,55 +33,100 @@ def name_of(model: mujoco.MjModel, kind: mjtObj, index: int) -> str:
     return f"{word} {mujoco.mj_id2name(model, kind, index) or index}"
 
 
-def chains_from(model: mujoco.MjModel, joints: Sequence[Sequence[int]], tips: Sequence[int]) -> Chains:
+def chains_from(
+    model: mujoco.MjModel, joints: Sequence[Sequence[int]], tips: Sequence[int], margin: float = 0.0,
+    roots: Sequence[int] | None = None,
+) -> Chains:  # fmt: skip
     """Chains of the agents: agent a moves joints[a] (ids, base to tip) and ends in the frame of geom tips[a].
 
-    A chain's joint values come in the order of its ids. MuJoCo's `ref` is honoured: a value is a qpos. Raises
+    It begins at body roots[a], in whose frame its base stands; at the world without roots.
+
+    A chain's joint values come in the order of its ids. MuJoCo's `ref` is honoured: a value is a qpos. margin: rad or m kept
+    from the joint limits. A joint that follows another has no limits of its own: they narrow its master's. Raises
     InputError, naming the joint, for ball and free joints, for a joint on the way from the tip to the world that is
     not listed, and for a listed one that is not on it or out of order.
     """
-    rows = [_chain(model, list(ids), tip) for ids, tip in zip(joints, tips, strict=True)]
+    rows = [
+        _chain(
+            model, list(ids), name_of(model, mjtObj.mjOBJ_GEOM, tip), int(model.geom_bodyid[tip]),
+            _pose(model.geom_pos[tip], model.geom_quat[tip]), root,
+        )
+        for ids, tip, root in zip(joints, tips, roots or [0] * len(tips), strict=True)
+    ]  # fmt: skip
+    return _chains(model, joints, rows, margin)
+
+
+def arms_from(
+    model: mujoco.MjModel, joints: Sequence[Sequence[int]], palms: Sequence[int], margin: float = 0.0
+) -> Chains:
+    """Chains of arms that carry hands: arm c moves joints[c] (ids) and ends in the frame of body palms[c]."""
+    rows = [
+        _chain(model, list(ids), name_of(model, mjtObj.mjOBJ_BODY, palm), palm, (np.eye(3), np.zeros(3)), 0)
+        for ids, palm in zip(joints, palms, strict=True)
+    ]
+    return _chains(model, joints, rows, margin)
+
+
+def _chains(
+    model: mujoco.MjModel, joints: Sequence[Sequence[int]], rows: list[tuple[list[Pose], Pose, Pose]], margin: float
+) -> Chains:
     ids = np.array([j for row in joints for j in row], dtype=np.int64)
     limited = model.jnt_limited[ids].astype(bool)
+    lower = np.where(limited, model.jnt_range[ids, 0] + margin, -np.inf)
+    upper = np.where(limited, model.jnt_range[ids, 1] - margin, np.inf)
+    couplings = [coupling(model, np.array(row, np.int64)) for row in joints]
+    first = 0
+    for each in couplings:
+        mine = slice(first, first + len(each.master))
+        first = mine.stop
+        # What a master passes its limits by, a follower of a larger gain passes its own by more: it keeps as much more margin.
+        more = margin * np.maximum(0.0, np.abs(each.gain) - 1.0)
+        lower[mine], upper[mine] = each.narrowed(lower[mine] + more, upper[mine] - more)
     return Chains(
         start=np.cumsum([0, *(len(row) for row in joints)], dtype=np.int64),
         kind=np.where(model.jnt_type[ids] == mjtJoint.mjJNT_HINGE, HINGE, SLIDE).astype(np.int64),
-        R_PJ=np.array([R for frames, _, _ in rows for R, _ in frames]),
-        p_PJ=np.array([p for frames, _, _ in rows for _, p in frames]),
-        axis=np.array(model.jnt_axis[ids]),
-        lower=np.where(limited, model.jnt_range[ids, 0], -np.inf),
-        upper=np.where(limited, model.jnt_range[ids, 1], np.inf),
-        R_WB=np.array([R for _, (R, _), _ in rows]),
-        p_WB=np.array([p for _, (_, p), _ in rows]),
-        R_LT=np.array([R for _, _, (R, _) in rows]),
-        p_LT=np.array([p for _, _, (_, p) in rows]),
+        R_PJ=np.array([R for frames, _, _ in rows for R, _ in frames]).reshape(-1, 3, 3),
+        p_PJ=np.array([p for frames, _, _ in rows for _, p in frames]).reshape(-1, 3),
+        axis=np.array(model.jnt_axis[ids]).reshape(-1, 3),
+        lower=lower,
+        upper=upper,
+        R_WB=np.array([R for _, (R, _), _ in rows]).reshape(-1, 3, 3),
+        p_WB=np.array([p for _, (_, p), _ in rows]).reshape(-1, 3),
+        R_LT=np.array([R for _, _, (R, _) in rows]).reshape(-1, 3, 3),
+        p_LT=np.array([p for _, _, (_, p) in rows]).reshape(-1, 3),
+        free=np.array([np.count_nonzero(each.free) for each in couplings], dtype=np.int64),
+        master=np.concatenate([np.zeros(0, np.int64), *(each.master for each in couplings)]),
+        gain=np.concatenate([np.zeros(0), *(each.gain for each in couplings)]),
+        offset=np.concatenate([np.zeros(0), *(each.offset for each in couplings)]),
     )
 
 
-def _chain(model: mujoco.MjModel, joints: list[int], tip: int) -> tuple[list[Pose], Pose, Pose]:
-    """Joint frames in the previous links, base in the world and tip frame in the last link of one chain."""
-    body = int(model.geom_bodyid[tip])
-    bodies = _bodies_to(model, body)
+def _chain(
+    model: mujoco.MjModel, joints: list[int], tip: str, body: int, X_BT: Pose, root: int
+) -> tuple[list[Pose], Pose, Pose]:
+    """Joint frames in the previous links, base in the frame of body `root` and tip frame in the last link of one chain.
+
+    tip: what to call the frame X_BT of `body`, the chain's end.
+    """
+    bodies = _bodies_to(model, body, root)
     found = [j for b in bodies for j in _joints_of(model, b)]
     for j in found:
         _require_single(model, j)
         if j not in joints:
             raise InputError(
                 name_of(model, mjtObj.mjOBJ_JOINT, j),
-                f"lies between the world and the tip {name_of(model, mjtObj.mjOBJ_GEOM, tip)} but isn't the agent's",
+                f"lies between the world and the tip {tip} but isn't the agent's",
                 "list every joint of the chain",
             )
     for j in joints:
         if j not in found:
             raise InputError(
                 name_of(model, mjtObj.mjOBJ_JOINT, j),
-                f"doesn't move the tip {name_of(model, mjtObj.mjOBJ_GEOM, tip)}",
+                f"doesn't move the tip {tip}",
                 "an agent is one serial chain from the world to its tip",
             )
     if found != joints:
-        raise InputError(
-            name_of(model, mjtObj.mjOBJ_GEOM, tip), "joints are not in the order of the chain", "list them base to tip"
-        )
+        raise InputError(tip, "joints are not in the order of the chain", "list them base to tip")
     base: Pose = (np.eye(3), np.zeros(3))
     X: Pose = (np.eye(3), np.zeros(3))  # current body in the last link (in the world before the first joint)
     frames: list[Pose] = []
@@ -91,25 +137,28 @@ def _chain(model: mujoco.MjModel, joints: list[int], tip: int) -> tuple[list[Pos
                 base, X = X, (np.eye(3), np.zeros(3))
             frames.append(_compose(X, _at_zero(model, j)))
             X = (np.eye(3), -model.jnt_pos[j])
-    tip_frame = _compose(X, _pose(model.geom_pos[tip], model.geom_quat[tip]))
+    tip_frame = _compose(X, X_BT)
     if not frames:
         base = (np.eye(3), np.zeros(3))
     return frames, base, tip_frame
 
 
 def geoms_from(
-    model: mujoco.MjModel, parts: Sequence[Part], joints: Sequence[Sequence[int]], object_body: int, shapes: Shapes
-) -> Geoms:
+    model: mujoco.MjModel, parts: Sequence[Part], joints: Sequence[Sequence[int]], object_body: int, shapes: Shapes,
+    arms: Sequence[Sequence[int]] = (),
+) -> Geoms:  # fmt: skip
     """Collision geometries of geoms as convex cores with a radius, each in the frame of what carries it.
 
     parts: geom id and, for a geom that `shapes` has, which of the primitives that stand for it; else 0. A mesh without such is
     its convex hull.
 
     A geom belongs to the agent whose joints[a] move it, with the link that `forward` writes for the last of them; to
-    the object if it is on object_body or fixed to it; everything else is static and in the world frame. Raises
+    the object if it is on object_body or fixed to it; everything else is static and in the world frame, but for what the
+    joints of `arms` move: it counts as static, and is in the frame of its link. Raises
     InputError naming the geom if its type has no kernel, or the joint if one moves the geom that no agent owns.
     """
     owner = {j: (a, i) for a, row in enumerate(joints) for i, j in enumerate(row)}
+    owner |= {j: (STATIC, i) for row in arms for i, j in enumerate(row)}
     count = len(parts)
     out = Geoms(
         kind=np.zeros(count, dtype=np.int64),
@@ -210,10 +259,10 @@ def _bound(kind: int, core: Array, radius: float) -> float:
     return float(np.linalg.norm(core)) + radius
 
 
-def _bodies_to(model: mujoco.MjModel, body: int) -> list[int]:
-    """The bodies from the world's child down to body."""
+def _bodies_to(model: mujoco.MjModel, body: int, root: int) -> list[int]:
+    """The bodies from the child of `root` down to body."""
     path = []
-    while body != 0:
+    while body != root:
         path.append(body)
         body = int(model.body_parentid[body])
     return path[::-1]

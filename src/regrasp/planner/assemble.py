@@ -77,7 +77,7 @@ def assemble(
         f, lacks = np.zeros((*contacts.p_W.shape[:3], 3)), (f"without forces: {f}",)
     k, names = len(world.agents), tuple(agent.name for agent in world.agents)
     owner = np.repeat(np.arange(k), [len(agent.qpos) for agent in world.agents])
-    speeds = np.concatenate([agent.speed for agent in world.agents])
+    speeds = np.concatenate([limb.speed for limb in world.limbs])
     ends = np.cumsum(durations(course, f[:, :, :k], owner, speeds, hand.radius, timing))
     begins = np.concatenate([[0.0], ends[:-1]])
     u = np.linspace(0.0, 1.0, f.shape[1])
@@ -103,7 +103,7 @@ def assemble(
         energy_segment=np.concatenate([np.full(len(s.energy), a, np.int64) for a, s in enumerate(segments)]),
         support_names=support_names,
         agent_names=names,
-        joint_names=tuple(model.joint(int(j)).name for agent in world.agents for j in agent.joints),
+        joint_names=tuple(model.joint(int(j)).name for limb in world.limbs for j in limb.joints),
         scene=world.scene.model_dump(mode="json"),
         xml=world.xml,
         assets=world.assets,

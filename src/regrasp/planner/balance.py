@@ -1,11 +1,11 @@
 """Force equilibrium (paper §3): the contacts of one configuration as columns of the force LP, and its solution."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program
 from regrasp.kernels.forces import EDGES, friction_edges, ray
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import minus, rotate, triple
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import frame
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contact_columns(
     hand: Hand, i: int, code: int, p_OC: Array, n: Array, t: Array, margins: Margins, lp: Program, first: int
 ) -> int:
@@ -42,7 +42,7 @@ def contact_columns(
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp: Program, first: int) -> int:
     """Write the passive contacts at sample s of interval j into the LP: they bear force and cost no effort."""
     at = first
@@ -66,7 +66,7 @@ def support_columns(hand: Hand, path: Path, j: int, s: int, margins: Margins, lp
     return at - first
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spares(
     hand: Hand, path: Path, j: int, s: int, bears: NDArray[np.uint8], codes: NDArray[np.int16], p_OC: Array,
     margins: Margins, lp: Program,
@@ -96,7 +96,7 @@ def spares(
         least[i] = spare(margins, hand.mu[i], share[i], hand.cap[i]) if bears[i] else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def balance(
     hand: Hand,
     path: Path,

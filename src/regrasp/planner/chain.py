@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.planner.configurations import Configurations, Grasp, grasp_of, new_configurations
 from regrasp.planner.energy import evaluate, make_room
 from regrasp.planner.hand import Hand
@@ -34,7 +34,7 @@ RUN = 0.7  # part of the others that reach over a run of intervals
 BLOCK = 100  # moves between two looks at the clock
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def propose(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, u: Array,
     bound: float, new: State,
@@ -88,7 +88,7 @@ def propose(
     return i, first, final
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def metropolis(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, cur: State, new: State,
     u: Array, trial: bool, start: float, cooled: float, first_move: int, moves: int, elapsed: float,
@@ -196,7 +196,7 @@ class ContactMotions:
 
     def grasp(self, j: int) -> Grasp:
         """The grasp of configuration j under the current V."""
-        return grasp_of(self.model[0], self.found, self.current.at[j])
+        return grasp_of(self.model[0], self.model[1], self.found, self.current.at[j], j)
 
     def trials(self, count: int, rng: np.random.Generator) -> Array:
         """Make those of `count` random moves that don't rise; the rises of the others."""

@@ -1,18 +1,19 @@
 """No-collision condition (paper §2): which pairs of bodies may not touch, and whether they do."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.cores import PLANE, SEGMENT
 from regrasp.kernels.distances import boxes_far, distance
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import multiply, rotate
+from regrasp.kernels.stack import stack
 from regrasp.planner.hand import Hand
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place(hand: Hand, first: int, last: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
     """World poses of the geoms first … last − 1, in rows from 0, from the frames of the links (or object) that carry them."""
     for g in range(first, last):
@@ -23,13 +24,24 @@ def place(hand: Hand, first: int, last: int, R_WL: Array, p_WL: Array, R_WG: Arr
             p_WG[row, a] += p_WL[link, a]
 
 
-@njit(cache=True, nogil=True)
-def place_agent(hand: Hand, i: int, R_WL: Array, p_WL: Array, R_WG: Array, p_WG: Array) -> None:
-    """World poses of agent i's geoms, in rows from 0, from the frames of its links."""
-    place(hand, hand.geom_start[i], hand.geom_start[i + 1], R_WL, p_WL, R_WG, p_WG)
+@kernel
+def place_agent(
+    hand: Hand, i: int, R_WP: Array, p_WP: Array, R_PL: Array, p_PL: Array, R_WG: Array, p_WG: Array
+) -> None:
+    """World poses of agent i's geoms, in rows from 0, from the frames of its links in its base P."""
+    first, last = hand.geom_start[i], hand.geom_start[i + 1]
+    place(hand, first, last, R_PL, p_PL, R_WG, p_WG)
+    if hand.base[i] > 0:
+        R, p = stack((3, 3)), stack(3)
+        for g in range(last - first):
+            R[:] = R_WG[g]
+            multiply(R_WP, R, R_WG[g])
+            rotate(R_WP, p_WG[g], p)
+            for a in range(3):
+                p_WG[g, a] = p_WP[a] + p[a]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def closer(hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: Array, clearance: float) -> bool:
     """Whether geoms a and b at these poses come closer than the clearance; bounding spheres first, then boxes."""
     geoms = hand.geoms
@@ -53,19 +65,25 @@ def closer(hand: Hand, a: int, R_A: Array, p_A: Array, b: int, R_B: Array, p_B: 
     return d < clearance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def first_geom(hand: Hand, c: int) -> int:
     """The first geom of agent c, of the static bodies (c = k) or the object (c = k + 1)."""
     return hand.geom_start[c] if c <= len(hand.tip_geom) else hand.object_geom
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def object_row(hand: Hand) -> int:
-    """The row of the object's first body among the poses of static bodies and object (`Configurations`)."""
+    """The row of the object's first body among the poses of static bodies, arms and object (`Configurations`)."""
     return hand.object_geom - hand.geom_start[len(hand.tip_geom)]
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def moving_row(hand: Hand) -> int:
+    """The first row of what moves among the poses of static bodies, arms and object."""
+    return hand.arm_geom - hand.geom_start[len(hand.tip_geom)]
+
+
+@kernel
 def hits(hand: Hand, a: int, c: int, R_A: Array, p_A: Array, R_C: Array, p_C: Array, clearance: float) -> bool:
     """Whether any pair of block (a, c) comes closer than the clearance (own links: touches); poses in rows from 0.
 
@@ -87,7 +105,7 @@ def hits(hand: Hand, a: int, c: int, R_A: Array, p_A: Array, R_C: Array, p_C: Ar
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stands_clear(hand: Hand, i: int, R_G: Array, p_G: Array, R_B: Array, p_B: Array, clearance: float) -> bool:
     """Whether agent i's bodies at R_G, p_G are clear of each other, the static bodies and the object.
 
@@ -101,7 +119,7 @@ def stands_clear(hand: Hand, i: int, R_G: Array, p_G: Array, R_B: Array, p_B: Ar
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_hits(hand: Hand, i: int, R_G: Array, p_G: Array, R_O: Array, p_O: Array, clearance: float) -> bool:
     """Whether the tip of agent i, which is not in contact, comes closer to the object than the clearance.
 
@@ -116,7 +134,7 @@ def tip_hits(hand: Hand, i: int, R_G: Array, p_G: Array, R_O: Array, p_O: Array,
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def object_hits(hand: Hand, R_B: Array, p_B: Array, clearance: float) -> bool:
     """Whether the object comes closer to a static body than the clearance. R_B, p_B: static bodies, then the object's."""
     k = len(hand.tip_geom)

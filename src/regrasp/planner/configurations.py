@@ -5,23 +5,24 @@ on a candidate of the scan, and at rest, it does not even depend on that. So the
 configurations, and a V is evaluated by looking up what is known and adding what is not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import cross, multiply_back, triple, unit
 from regrasp.kernels.stack import stack
-from regrasp.kernels.surfaces import field, frame
+from regrasp.kernels.surfaces import field as surface
+from regrasp.kernels.surfaces import frame
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.follow import follow
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import MOTION_COUNT, OFF, ONTO, STAY, is_sliding, slide_direction, whole
-from regrasp.planner.path import Path, pose_at
-from regrasp.planner.scan import BARRED, Scan, candidate_free
+from regrasp.planner.path import Path, base_at, pose_at
+from regrasp.planner.scan import Scan, candidate_free
 from regrasp.planner.tips import under
 
 Array = NDArray[np.float64]
@@ -40,9 +41,9 @@ class Configurations(Record):
     that led here, if it slid; R_WG, p_WG (N, g_max, …): poses of the agent's geoms. lost (N,): the workspace condition broke on
     the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
 
-    after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (k, n + 1, C): on candidate c in configuration
-    j; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then the object's. number (N,); R_WL, p_WL, of one
-    chain: scratch.
+    after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (rows of the scan,): on that candidate;
+    stood (1,): the last of these rows that is known; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then
+    the object's. number (N,); R_WL, p_WL, of one chain: scratch.
     """
 
     used: Ints
@@ -58,7 +59,8 @@ class Configurations(Record):
     lost: Flags
     own: Flags
     after: Ints
-    standing: Ints
+    standing: NDArray[np.int32]
+    stood: Ints
     resting: Ints
     number: Ints
     R_WB: Array
@@ -71,7 +73,7 @@ class Configurations(Record):
 class Grasp:
     """Contacts and joints at one object pose.
 
-    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3).
+    q (nq,); holds (k,); p_OC, p_TC (k, 3); R_OT (k, 3, 3); arm_q (nq_a,): joints of the arms that carry hands.
     """
 
     q: Array
@@ -79,16 +81,20 @@ class Grasp:
     p_OC: Array
     p_TC: Array
     R_OT: Array
+    arm_q: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def bodies_along(hand: Hand, path: Path) -> tuple[Array, Array]:
-    """R_WB (n + 1, B, 3, 3), p_WB (n + 1, B, 3): the static bodies, then the object's, at the ends of all intervals."""
+    """R_WB (n + 1, B, …), p_WB: static bodies, then the arms' and the object's, at the ends of all intervals."""
     n = len(path.R_WO)
-    static = slice(hand.geom_start[-1], hand.object_geom)
+    static = slice(hand.geom_start[-1], hand.arm_geom)
     own = slice(hand.object_geom, len(hand.geoms.kind))
     count, first = len(hand.geoms.kind) - hand.geom_start[-1], hand.object_geom - hand.geom_start[-1]
     R_WB, p_WB = np.empty((n + 1, count, 3, 3)), np.empty((n + 1, count, 3))
-    R_WB[:, :first], p_WB[:, :first] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    moving = hand.arm_geom - hand.geom_start[-1]
+    R_WB[:, :moving], p_WB[:, :moving] = hand.geoms.R_LG[static], hand.geoms.p_LG[static]
+    R_WB[:, moving:first] = np.concatenate([path.R_WG[:, 0], path.R_WG[-1:, -1]])
+    p_WB[:, moving:first] = np.concatenate([path.p_WG[:, 0], path.p_WG[-1:, -1]])
     R_WO = np.concatenate([path.R_WO[:, 0], path.R_WO[-1:, -1]])
     p_WO = np.concatenate([path.p_WO[:, 0], path.p_WO[-1:, -1]])
     R_WB[:, first:] = R_WO[:, None] @ hand.geoms.R_LG[own]
@@ -116,7 +122,8 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         lost=np.zeros(N, np.uint8),
         own=np.zeros(N, np.uint8),
         after=np.zeros((N, MOTION_COUNT), np.int64),
-        standing=np.zeros((k, n + 1, len(scan.p_O)), np.int64),
+        standing=np.zeros(len(scan.kept), np.int32),
+        stood=np.zeros(1, np.int64),
         resting=np.zeros((k, n + 1), np.int64),
         number=np.zeros(N, np.int64),
         R_WB=R_WB,
@@ -129,11 +136,11 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         found.q[1 + i, : last - first] = start.q[first:last]
         found.holds[1 + i] = start.holds[i]
         found.p_OC[1 + i], found.p_TC[1 + i], found.R_OT[1 + i] = start.p_OC[i], start.p_TC[i], start.R_OT[i]
-        pose_bodies(hand, found, i, 1 + i)
+        pose_bodies(hand, path, found, 0, i, 1 + i)
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def keep_only(found: Configurations, at: Ints) -> None:
     """Forget all configurations but the start's and those in `at` (n + 1, k), which get other numbers, as `at` then says."""
     k, new = at.shape[1], found.number
@@ -154,11 +161,12 @@ def keep_only(found: Configurations, at: Ints) -> None:
     for j in range(at.shape[0]):
         for i in range(k):
             at[j, i] = new[at[j, i]]
-    found.standing[:] = 0
+    found.standing[: found.stood[0] + 1] = 0
+    found.stood[0] = 0
     found.resting[:] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy_configuration(found: Configurations, source: int, target: int) -> None:
     """All that is known of a configuration but where it leads."""
     found.q[target] = found.q[source]
@@ -176,7 +184,7 @@ def copy_configuration(found: Configurations, source: int, target: int) -> None:
     found.R_WG[target], found.p_WG[target] = found.R_WG[source], found.p_WG[source]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add(found: Configurations) -> int:
     """A new configuration, nothing known of it yet."""
     c = found.used[0]
@@ -187,42 +195,51 @@ def add(found: Configurations) -> int:
     return c
 
 
-@njit(cache=True, nogil=True)
-def pose_bodies(hand: Hand, found: Configurations, i: int, c: int) -> None:
-    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of configuration c."""
+@kernel
+def pose_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
+    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of its configuration c at j."""
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+    put_bodies(hand, path, found, j, i, c)
     found.own[c] = UNKNOWN
     if found.holds[c]:
         normal_at(hand, found.p_OC[c], found.n_O[c])
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def put_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
+    """Agent i's bodies in its configuration c at j, from the frames of its links in `found`."""
+    R_WP, p_WP = base_at(path, hand.base[i], j)
+    place_agent(hand, i, R_WP, p_WP, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
+
+
+@kernel
 def standing(
     hand: Hand, path: Path, scan: Scan, found: Configurations, j: int, i: int, candidate: int, clearance: float
 ) -> int:
     """Agent i on a candidate at the end of interval j − 1; 0 where it cannot stand there."""
-    c = found.standing[i, j, candidate]
-    if c > 0 or scan.status[i, j, candidate] == BARRED:
-        return c
-    if not candidate_free(hand, path, scan, found.R_WB[j], found.p_WB[j], j, i, candidate, clearance):
+    row = candidate_free(hand, path, scan, found.R_WB[j], found.p_WB[j], j, i, candidate, clearance)
+    if row == 0:
         return 0
+    c = whole(found.standing[row])
+    if c > 0:
+        return c
     c = add(found)
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    R_WO, _ = pose_at(path, j)
-    found.q[c] = scan.q[i, j, candidate]
+    R_WO, _ = pose_at(path, hand.base[i], j)
+    found.q[c] = scan.q[row]
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
-    found.p_OC[c], found.n_O[c] = scan.p[i, j, candidate], scan.n[i, j, candidate]
+    put_bodies(hand, path, found, j, i, c)
+    found.p_OC[c], found.n_O[c] = scan.p[row], scan.n[row]
     multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
     under(hand, i, found.R_OT[c], found.n_O[c], found.p_TC[c])
     found.holds[c] = 1
-    found.standing[i, j, candidate] = c
+    found.standing[row] = c
+    found.stood[0] = max(found.stood[0], row)
     return c
 
 
-@njit(cache=True, nogil=True)
-def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
+@kernel
+def resting(hand: Hand, path: Path, found: Configurations, j: int, i: int) -> int:
     """Agent i in its rest posture at the end of interval j − 1."""
     c = found.resting[i, j]
     if c == 0:
@@ -230,19 +247,19 @@ def resting(hand: Hand, found: Configurations, j: int, i: int) -> int:
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         found.q[c, : last - first] = hand.home[first:last]
         found.holds[c] = 0
-        pose_bodies(hand, found, i, c)
+        pose_bodies(hand, path, found, j, i, c)
         found.resting[i, j] = c
     return c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def normal_at(hand: Hand, p_O: Array, n_O: Array) -> None:
     """n_O = the object's outward normal at the point p_O of its surface."""
-    _, slope = field(hand.kind_O, hand.size_O, hand.grids, p_O)
+    _, slope = surface(hand.kind_O, hand.size_O, hand.grids, p_O)
     n_O[0], n_O[1], n_O[2] = unit(slope)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow_contact(
     hand: Hand, path: Path, command: Array, found: Configurations, j: int, i: int, here: int, code: int
 ) -> int:
@@ -266,24 +283,27 @@ def follow_contact(
         found.R_WL[: n_a + 1], found.p_WL[: n_a + 1],
     )  # fmt: skip
     found.lost[there] = 0 if fine else 1
-    place_agent(hand, i, found.R_WL, found.p_WL, found.R_WG[there], found.p_WG[there])
+    put_bodies(hand, path, found, j + 1, i, there)
     normal_at(hand, found.p_OC[there], n_end)
     if slides:
         slide_direction(code, x, cross(n_end, x), found.t_O[there, 1])
     return there
 
 
-@njit(cache=True, nogil=True)
-def keep_still(found: Configurations, here: int) -> int:
-    """An agent that is off the object stays where it is."""
+@kernel
+def keep_still(hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int) -> int:
+    """Agent i, off the object, keeps its posture through interval j, and is taken along by its base."""
     there = add(found)
     found.q[there] = found.q[here]
     found.holds[there] = 0
-    found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
+    if hand.base[i] > 0:
+        pose_bodies(hand, path, found, j + 1, i, there)
+    else:
+        found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
     return there
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def onward(
     hand: Hand, path: Path, scan: Scan, commands: Array, clearance: float, found: Configurations, j: int, i: int,
     here: int, code: int, known: bool,
@@ -300,7 +320,7 @@ def onward(
             return there, False
         code, behind = whole(STAY), True
     elif code == OFF and found.holds[here]:
-        return resting(hand, found, j + 1, i), False
+        return resting(hand, path, found, j + 1, i), False
     if not found.holds[here]:
         code = whole(OFF)
     there = found.after[here, code]
@@ -308,12 +328,12 @@ def onward(
         if found.holds[here]:
             there = follow_contact(hand, path, commands[code], found, j, i, here, code)
         else:
-            there = keep_still(found, here)
+            there = keep_still(hand, path, found, j, i, here)
         found.after[here, code] = there
     return there, behind
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
     """How many blocks of agent i's own bodies collide in its configuration c at the end of interval j − 1."""
     if found.own[c] == UNKNOWN:
@@ -332,8 +352,9 @@ def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearanc
     return found.own[c]
 
 
-def grasp_of(hand: Hand, found: Configurations, at: Ints) -> Grasp:
-    """The grasp of the agents' configurations at (k,)."""
+def grasp_of(hand: Hand, path: Path, found: Configurations, at: Ints, j: int) -> Grasp:
+    """The grasp of the agents' configurations at (k,) at j."""
     joints = np.diff(hand.chains.start)
     q = np.concatenate([found.q[c, :n_a] for c, n_a in zip(at, joints, strict=True)])
-    return Grasp(q, found.holds[at], found.p_OC[at], found.p_TC[at], found.R_OT[at])
+    arm_q = path.arm_q[j, 0] if j < len(path.arm_q) else path.arm_q[-1, -1]
+    return Grasp(q, found.holds[at], found.p_OC[at], found.p_TC[at], found.R_OT[at], arm_q.copy())

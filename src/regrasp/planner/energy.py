@@ -7,9 +7,9 @@ configurations, the force programs, collisions, the free motions.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.planner.configurations import Configurations, keep_only, onward, own_hits
 from regrasp.planner.hand import Hand
 from regrasp.planner.memory import forget
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 ROOM = 64  # configurations that one proposal looks at, at most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def walk(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
     merge: bool, cur: State, new: State, room: float,
@@ -74,7 +74,7 @@ def walk(
     return n, least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def evaluate(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, i: int, first: int, final: int,
     bound: float, cur: State, new: State,
@@ -186,7 +186,7 @@ def evaluate(
     return (E, first, last) if bound >= E else (np.inf, first, last)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def make_room(found: Configurations, work: Work, cur: State) -> None:
     """Before an evaluation that could run out of configurations: forget all but those of the current state."""
     n, k = cur.V.shape

@@ -3,12 +3,12 @@
 from typing import cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward, jacobian
+from regrasp.kernels.chains import couple, forward, jacobian
 from regrasp.kernels.contact import OK, advance, settle
 from regrasp.kernels.inverse import inverse, inverse_point
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rates import rates
 from regrasp.kernels.rotations import minus, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.stack import stack
@@ -32,7 +32,7 @@ AGILE = 4.0  # rad per rad
 JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, R_WT: Array, p_WT: Array) -> None:
     """Pose of the tip that puts its point p_TC onto the object's point p_OC: X_WT = X_WO (R_OT, p_OC − R_OT p_TC)."""
     multiply(R_WO, R_OT, R_WT)
@@ -42,49 +42,61 @@ def tip_target(R_WO: Array, p_WO: Array, p_OC: Array, p_TC: Array, R_OT: Array, 
             p_WT[a] += R_WO[a, b] * p_OC[b] - R_WT[a, b] * p_TC[b]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_full(hand: Hand, i: int) -> bool:
-    """Whether agent i has the six joints that realise any relative velocity."""
-    return hand.chains.start[i + 1] - hand.chains.start[i] >= 6
+    """Whether agent i has the six free joints that realise any relative velocity."""
+    return hand.chains.free[i] >= 6
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wanders(hand: Hand, i: int) -> bool:
     """Whether agent i's contacts may move though nothing asks them to: its tip turns as its few joints make it."""
     return not is_full(hand, i)
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def leap(q: Array, before: Array) -> float:
+    """How far the joint that goes furthest goes."""
+    far = 0.0
+    for a in range(len(q)):
+        far = max(far, abs(q[a] - before[a]))
+    return far
+
+
+@kernel
 def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
     """Whether a six-joint agent is far enough from its singularities to follow the object.
 
     Turning the tip by 1 rad about any axis, or moving it by the object's radius along any, may take no joint more than
     AGILE rad. Fewer joints have directions they never move in; for them this always holds.
     """
-    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    if n_a < 6:
+    if not is_full(hand, i):
         return True
+    n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     if n_a == 6:
         J6 = stack((6, 6))
         jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J6)
         return turns_little(J6, hand.radius)
-    J, qd = np.empty((6, n_a)), np.empty(n_a)
+    J, qd = stack((6, n_a)), stack(n_a)
     jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J)
-    v, w, got = np.zeros(3), np.zeros(3), np.empty(3)
+    v, w, got, still = stack(3), stack(3), stack(3), stack(n_a)
+    v[:] = 0.0
+    w[:] = 0.0
+    still[:] = 0.0
     for a in range(3):
         v[a] = hand.radius
-        if rates(J, v, w, qd, got) > 1e-6 or np.max(np.abs(qd)) > AGILE:
+        if rates(J, v, w, qd, got) > 1e-6 or leap(qd, still) > AGILE:
             return False
         v[a] = 0.0
         w[a] = 1.0
         rates(J, v, w, qd, got)
-        if abs(got[a] - 1.0) > 1e-6 or np.max(np.abs(qd)) > AGILE:
+        if abs(got[a] - 1.0) > 1e-6 or leap(qd, still) > AGILE:
             return False
         w[a] = 0.0
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def turns_little(J: Array, radius: float) -> bool:
     """Whether no entry of J⁻¹ (6, 6), its first three columns times the radius, is larger than AGILE; J is destroyed."""
     X = stack((6, 6))
@@ -118,7 +130,7 @@ def turns_little(J: Array, radius: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Array, p_WL: Array) -> float:
     """Joint angles q (in: seed, near which they stay) of a six-joint agent whose tip is at X_WT; returns what is left of it.
 
@@ -133,7 +145,7 @@ def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Arr
     return residual
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reach_tip(
     hand: Hand, path: Path, j: int, s: int, i: int, before: Array,
     p_OC: Array, p_TC: Array, R_OT: Array, q: Array, R_WL: Array, p_WL: Array,
@@ -142,17 +154,14 @@ def reach_tip(
 
     Returns whether they are reached without a jump from the joints `before`.
     """
-    R_WT, p_WT = stack((3, 3)), stack(3)
-    tip_target(path.R_WO[j, s], path.p_WO[j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
+    R_WT, p_WT, b = stack((3, 3)), stack(3), hand.base[i]
+    tip_target(path.R_PO[b, j, s], path.p_PO[b, j, s], p_OC, p_TC, R_OT, R_WT, p_WT)
     if reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) > REACHED:
         return False
-    furthest = 0.0
-    for a in range(len(q)):
-        furthest = max(furthest, abs(q[a] - before[a]))
-    return furthest < JUMP
+    return leap(q, before) < JUMP
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def roll(
     hand: Hand, i: int, command: Array, steps: int, p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array
 ) -> bool:  # fmt: skip
@@ -163,7 +172,7 @@ def roll(
     return status == OK and fits(hand, i, p_OC, p_TC, R_OT)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def short_step(
     hand: Hand, R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, i: int, command: Array, steps: float,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
@@ -176,13 +185,14 @@ def short_step(
     command: ω_x, ω_y, v_x, v_y over this step, in C. steps: samples that it goes.
     """
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    J = np.empty((6, n_a))
+    J = stack((6, n_a))
     n, x, y, foot = stack(3), stack(3), stack(3), stack(3)
-    v, w, r, w_O, dq, got = stack(3), stack(3), stack(3), stack(3), np.empty(n_a), stack(3)
+    v, w, r, w_O, dq, got = stack(3), stack(3), stack(3), stack(3), stack(n_a), stack(3)
     turn, shift, p_TM, R_OM = stack(3), stack(3), stack(3), stack((3, 3))
     step, R_WO, p_W = stack(4), stack((3, 3)), stack(3)
     object_step(R_A, p_A, R_Z, p_Z, turn, shift)
-    middle = q.copy()
+    middle = stack(n_a)
+    middle[:] = q
     defect = 0.0
     foot[:], x[:], p_TM[:], R_OM[:] = p_OC, x_O, p_TC, R_OT
     for stage in range(2):
@@ -231,12 +241,15 @@ def short_step(
             )
             for a in range(n_a):
                 middle[a] = q[a] + 0.5 * dq[a]
+            couple(hand.chains, i, middle)
     kept = roll(hand, i, step, whole(1), p_OC, p_TC, R_OT, x_O)
     quickest, beyond, first = 0.0, 0.0, hand.chains.start[i]
     for a in range(n_a):
         middle[a] = q[a] = q[a] + dq[a]
         quickest = max(quickest, abs(dq[a]))
         beyond = max(beyond, q[a] - hand.chains.upper[first + a], hand.chains.lower[first + a] - q[a])
+    couple(hand.chains, i, middle)
+    couple(hand.chains, i, q)
     R_WT, p_WT = stack((3, 3)), stack(3)
     tip_target(R_Z, p_Z, p_OC, p_TC, R_OT, R_WT, p_WT)
     # The position alone, in the shortest way: the turn is what the rates made of it.
@@ -275,7 +288,7 @@ def short_step(
     return kept and met and residual < REACHED and beyond < SETTLE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def object_step(R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, turn: Array, shift: Array) -> None:
     """Rotation vector (W) and displacement of the object from the pose A to Z."""
     # For the small steps between samples the skew part of Z Aᵀ is sin θ along the axis.
@@ -293,7 +306,7 @@ def object_step(R_A: Array, p_A: Array, R_Z: Array, p_Z: Array, turn: Array, shi
             turn[a] *= scale
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow(
     hand: Hand, path: Path, command: Array, j: int, i: int, before: Array,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, R_WL: Array, p_WL: Array,
@@ -308,11 +321,12 @@ def follow(
     if is_full(hand, i):
         kept = roll(hand, i, command, SUBSTEPS if plain(hand, i) else m, p_OC, p_TC, R_OT, x_O)
         return reach_tip(hand, path, j, m, i, before, p_OC, p_TC, R_OT, q, R_WL, p_WL) and kept
-    fine = True
-    step = command / m
+    fine, b, step = True, hand.base[i], stack(4)
+    for a in range(4):
+        step[a] = command[a] / m
     for s in range(m):
         if not short_step(
-            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            hand, path.R_PO[b, j, s], path.p_PO[b, j, s], path.R_PO[b, j, s + 1], path.p_PO[b, j, s + 1], i, step, 1.0,
             p_OC, p_TC, R_OT, x_O, q, R_WL, p_WL,
         ):  # fmt: skip
             fine = False

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.chains import forward
+from regrasp.kernels.chains import couple, forward
 from regrasp.kernels.surfaces import project
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand
@@ -12,31 +12,32 @@ from regrasp.planner.path import Path
 from regrasp.planner.scan import lower, touch_down
 from regrasp.planner.tips import tip_gap, under
 from regrasp.scene.schema import Contact
+from regrasp.scene.world import COUPLED
 
 Array = NDArray[np.float64]
 NEAR = 0.03  # m from the object, to which joints given for a grasp bring a tip at least
 
 
-def contact_from(hand: Hand, i: int, R_WO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
-    """(p_OC, p_TC, R_OT) of a tip that touches the object at p_O with joints q."""
+def contact_from(hand: Hand, i: int, R_PO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
+    """(p_OC, p_TC, R_OT) of a tip that touches the object, turned by R_PO in its base, at p_O with joints q."""
     count = len(q)
     R_WL, p_WL = np.empty((count + 1, 3, 3)), np.empty((count + 1, 3))
     forward(hand.chains, i, q, R_WL, p_WL)
-    R_OT, p_TC = R_WO.T @ R_WL[count], np.empty(3)
+    R_OT, p_TC = R_PO.T @ R_WL[count], np.empty(3)
     under(hand, i, R_OT, n_O, p_TC)
     return p_O, p_TC, R_OT
 
 
-def build_grasp(hand: Hand, R_WO: Array, contacts: dict[int, tuple[Array, Array, Array]]) -> Grasp:
-    """The grasp with agent i at contacts[i] = (q, p_O, n_O); all others at rest."""
+def build_grasp(hand: Hand, path: Path, contacts: dict[int, tuple[Array, Array, Array]]) -> Grasp:
+    """The grasp at a path's start with agent i at contacts[i] = (q, p_O, n_O); all others at rest."""
     k = len(hand.tip_geom)
     q, holds = hand.home.copy(), np.zeros(k, np.uint8)
     p_OC, p_TC, R_OT = np.zeros((k, 3)), np.zeros((k, 3)), np.tile(np.eye(3), (k, 1, 1))
     for i, (joints, p_O, n_O) in contacts.items():
         q[hand.chains.start[i] : hand.chains.start[i + 1]] = joints
-        p_OC[i], p_TC[i], R_OT[i] = contact_from(hand, i, R_WO, joints, p_O, n_O)
+        p_OC[i], p_TC[i], R_OT[i] = contact_from(hand, i, path.R_PO[hand.base[i], 0, 0], joints, p_O, n_O)
         holds[i] = 1
-    return Grasp(q, holds, p_OC, p_TC, R_OT)
+    return Grasp(q, holds, p_OC, p_TC, R_OT, path.arm_q[0, 0].copy())
 
 
 def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tuple[str, ...]) -> Grasp | Failure:
@@ -45,10 +46,10 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
     Points are reached by inverse kinematics from the rest posture. Joints bring the tip near: it goes on, pointing as it does,
     to the nearest point of the object.
     """
-    R_WO, p_WO = path.R_WO[0, 0], path.p_WO[0, 0]
     found: dict[int, tuple[Array, Array, Array]] = {}
     for contact in contacts:
         i = names.index(contact.agent)
+        R_WO, p_WO = path.R_PO[hand.base[i], 0, 0], path.p_PO[hand.base[i], 0, 0]
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
         foot, n = np.empty(3), np.empty(3)
@@ -56,6 +57,14 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
             q = np.array(contact.joints, float)
             if len(q) != last - first:
                 return Failure("grasp", "start.grasp", contact.agent, f"{len(q)} joint values", f"give {last - first}")
+            coupled = q.copy()
+            couple(hand.chains, i, coupled)
+            if np.max(np.abs(coupled - q)) > COUPLED:
+                joint = int(np.argmax(np.abs(coupled - q)))
+                return Failure(
+                    "grasp", "start.grasp", contact.agent, f"joint value {joint + 1} is {q[joint]:g}, but follows another",
+                    f"give {coupled[joint]:.7g}",
+                )  # fmt: skip
             forward(hand.chains, i, q, R_WL, p_WL)
             centre = R_WO.T @ (p_WL[last - first] - p_WO)
             gap = tip_gap(hand, i, R_WO.T @ R_WL[last - first], centre, foot, n)
@@ -80,4 +89,4 @@ def given_grasp(hand: Hand, path: Path, contacts: tuple[Contact, ...], names: tu
                 "a point nearer to the agent's base, or a larger hand",
             )  # fmt: skip
         found[i] = (q, foot, n)
-    return build_grasp(hand, R_WO, found)
+    return build_grasp(hand, path, found)

@@ -1,7 +1,5 @@
 """The model of the planner: agents, object and surroundings as kernel arrays, read from a World once."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,7 @@ from regrasp.kernels.surfaces import CAPSULE, MESH, SPHERE
 from regrasp.kernels.surfaces import CYLINDER as CYLINDER_SURFACE
 from regrasp.kernels.surfaces import ELLIPSOID as ELLIPSOID_SURFACE
 from regrasp.kernels.wrist import Wrists, wrists_of
-from regrasp.planner.arrays import chains_from, geoms_from
+from regrasp.planner.arrays import arms_from, chains_from, geoms_from
 from regrasp.planner.hulls import hull_core, widened
 from regrasp.scene import matter
 from regrasp.scene.links import Part
@@ -32,7 +30,7 @@ class Hand(Record):
     """Agents i = 0 … k − 1 (fingers or arms), the object and the static bodies. Forces in weights, lengths in metres.
 
     chains: the agents' serial chains; wrists: their inverse kinematics in closed form, where there is one; geoms: every body,
-    agents first, then static, the convex parts of the object last.
+    agents first, then static, those of arms that carry hands, the convex parts of the object last.
     geom_start (k + 1,): geoms of agent i are geom_start[i] … geom_start[i + 1] − 1.
     pairs (n, 2): geoms that may not touch, sorted by block; block (k + 1, k + 3): pairs of agent a (or, in row k, of the
     object) with agent c, with the static bodies (c = k), with the object (c = k + 1) are block[a, c] … block[a, c + 1] − 1.
@@ -44,6 +42,12 @@ class Hand(Record):
     mu (k,): friction; cap (k,): largest normal force in units of the object's weight.
     home (nq,): rest posture; axis_T (k, 3): pointing direction of the tip in T; reach (k,): length of the stretched chain.
     p_OM_O (3,): the object's centre of mass; radius: of its bounding sphere; weight: N.
+
+    base (k,): what an agent stands on and its chain begins at, 0 the world, c + 1 the palm of arm c. origin (k, 3), span (k,):
+    how far from where an agent gets, its arm's way included. arms, palms: chains of the arms to their palms, and closed forms;
+    arm_home (nq_a,): their rest; arm_geom: the first of their geoms, arm_start (c + 1,): where those of each begin, from there;
+    arm_pairs (n, 2): geoms that may not touch of which one at least is an arm's, and none an agent's; arm_own (n,): whether
+    both are one arm's.
     """
 
     chains: Chains
@@ -70,6 +74,16 @@ class Hand(Record):
     p_OM_O: Array
     radius: float
     weight: float
+    base: Ints
+    origin: Array
+    span: Array
+    arms: Chains
+    palms: Wrists
+    arm_home: Array
+    arm_geom: int
+    arm_start: Ints
+    arm_pairs: Ints
+    arm_own: NDArray[np.uint8]
 
 
 def parts_of(world: World, geoms: Ints) -> list[Part]:
@@ -81,14 +95,17 @@ def geom_index(world: World) -> dict[int, list[int]]:
     """Where the bodies of each colliding geom of the model stand in Hand.geoms; all geoms of a tip are one
     there, those of the object its convex parts together."""
     index: dict[int, list[int]] = {}
-    for row, (geom, _) in enumerate(
-        parts_of(world, np.concatenate([*map(solids_of, world.agents), world.static_geoms]))
-    ):
+    for row, (geom, _) in enumerate(parts_of(world, solids(world))):
         index.setdefault(geom, []).append(row)
     last = sum(map(len, index.values()))
     tips = {int(g): index[agent.tip_geom] for agent in world.agents for g in agent.tip_geoms}
     parts = list(range(last, last + len(world.matter.parts)))
     return index | tips | {int(g): parts for g in world.object_geoms}
+
+
+def solids(world: World) -> Ints:
+    """All geoms in the order of Hand.geoms, but for the object's."""
+    return np.concatenate([*map(solids_of, world.agents), world.static_geoms, *(arm.geoms for arm in world.arms)])
 
 
 def solids_of(agent: Agent) -> Ints:
@@ -104,11 +121,13 @@ def hand_of(world: World) -> Hand:
     model, agents = world.model, world.agents
     joints = [agent.joints.tolist() for agent in agents]
     index = geom_index(world)
-    parts = parts_of(world, np.concatenate([*map(solids_of, agents), world.static_geoms]))
-    chains = chains_from(model, joints, [agent.tip_geom for agent in agents])
+    parts = parts_of(world, solids(world))
+    palms, shared = [arm.body for arm in world.arms], [arm.joints.tolist() for arm in world.arms]
+    roots = [0 if agent.arm < 0 else palms[agent.arm] for agent in agents]
     # Between two samples a plan's spline passes their joint values by a little.
-    chains = replace(chains, lower=chains.lower + RANGE_MARGIN, upper=chains.upper - RANGE_MARGIN)
-    bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes)
+    chains = chains_from(model, joints, [agent.tip_geom for agent in agents], RANGE_MARGIN, roots)
+    arms = arms_from(model, shared, palms, RANGE_MARGIN)
+    bodies = geoms_from(model, parts, joints, world.object_body, world.links.shapes, shared)
     tips = [index[agent.tip_geom][0] for agent in agents]
     for row, agent in zip(tips, agents, strict=True):
         bodies.kind[row], bodies.core[row, :3], bodies.radius[row] = core_of(agent.tip_kind, agent.tip_size)
@@ -117,13 +136,20 @@ def hand_of(world: World) -> Hand:
     starts = np.cumsum([0, *(len(parts_of(world, solids_of(agent))) for agent in agents)])
     spared = {(index[g][i], index[h][j]) for (g, i), (h, j) in world.links.spared}
     apart = {(a, b) for g, h in world.collision_pairs for a in index[int(g)] for b in index[int(h)]} - spared
-    pairs, block = blocks(sorted(apart), geoms.agent, len(agents))
+    arm_start = np.cumsum([0, *(len(parts_of(world, arm.geoms)) for arm in world.arms)])
+    arm_geom = len(parts) - int(arm_start[-1])
+    of_arms = sorted(
+        pair for pair in apart if min(pair) >= starts[-1] and carried_by(pair, arm_start, arm_geom) != (-1, -1)
+    )
+    pairs, block = blocks(sorted(apart - set(of_arms)), geoms.agent, len(agents))
+    own = [a == b for a, b in (carried_by(pair, arm_start, arm_geom) for pair in of_arms)]
     mass = float(model.body_mass[world.object_body])
     g = float(np.linalg.norm(model.opt.gravity))
     weight = mass * g if g > 0.0 else 1.0  # without gravity forces are counted in newtons
     # A tip on its last joint points nowhere: a zero axis asks the inverse kinematics for the position alone.
     axis = [R.T @ p / (np.linalg.norm(p) or 1.0) for R, p in zip(chains.R_LT, chains.p_LT, strict=True)]
     reach = [stretched(chains, i) for i in range(len(agents))]
+    far = [stretched(arms, c) for c in range(len(palms))]
     plane = plane_of(world.scene.freedoms)
     # Three points that stick determine a pose; two leave the turn about their line, which leads out of every plane with it.
     needed = 3 if plane is None else 2
@@ -154,14 +180,36 @@ def hand_of(world: World) -> Hand:
         p_OM_O=np.array(model.body_ipos[world.object_body]),
         radius=float(np.max(geoms.bound[len(parts) :] + np.linalg.norm(geoms.p_LG[len(parts) :], axis=1))),
         weight=weight,
+        base=np.array([agent.arm + 1 for agent in agents], np.int64),
+        origin=np.array([chains.p_WB[i] if a.arm < 0 else arms.p_WB[a.arm] for i, a in enumerate(agents)]),
+        span=np.array([
+            reach[i] + (0.0 if a.arm < 0 else far[a.arm] + np.linalg.norm(chains.p_WB[i])) for i, a in enumerate(agents)
+        ]),
+        arms=arms,
+        palms=wrists_of(arms),
+        arm_home=np.concatenate([np.zeros(0), *(arm.home for arm in world.arms)]),
+        arm_geom=arm_geom,
+        arm_start=arm_start.astype(np.int64),
+        arm_pairs=np.array(of_arms, np.int64).reshape(-1, 2),
+        arm_own=np.array(own, np.uint8),
+    )  # fmt: skip
+
+
+def carried_by(pair: tuple[int, int], arm_start: Ints, arm_geom: int) -> tuple[int, int]:
+    """Which arm's each of two geoms is, −1 for one of none."""
+    first, second = (
+        int(np.searchsorted(arm_start, g - arm_geom, side="right")) - 1 if 0 <= g - arm_geom < arm_start[-1] else -1
+        for g in pair
     )
+    return first, second
 
 
 def stretched(chains: Chains, i: int) -> float:
     """How far agent i's tip gets from its base at most, m: all links in a line, all slides at their ends."""
     mine = slice(chains.start[i], chains.start[i + 1])
-    slides = chains.kind[mine] == SLIDE
-    travel = np.maximum(np.abs(chains.lower[mine]), np.abs(chains.upper[mine]))[slides]
+    slides, masters = chains.kind[mine] == SLIDE, chains.start[i] + chains.master[mine]
+    ends = chains.offset[mine] + chains.gain[mine] * np.array([chains.lower[masters], chains.upper[masters]])
+    travel = np.max(np.abs(ends), axis=0)[slides]
     links = np.linalg.norm(chains.p_PJ[mine], axis=1)
     return float(np.sum(links) + np.sum(travel) + np.linalg.norm(chains.p_LT[i]))
 

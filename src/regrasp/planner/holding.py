@@ -7,23 +7,24 @@ the object at one point.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.distances import distance
 from regrasp.kernels.features import TOUCH
 from regrasp.kernels.forces import EDGES, friction_edges
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import minus, triple
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.simplex import OPTIMAL, solve
+from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import frame
 from regrasp.planner.arcs import Arc
 from regrasp.planner.balance import support_columns
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
-from regrasp.planner.path import Path, Pose, nominal_path
+from regrasp.planner.path import Path, Pose, carried, nominal_path
 from regrasp.planner.reserve import Margins
 from regrasp.planner.supports import Support, gap
 from regrasp.planner.tips import sharpest
@@ -54,24 +55,27 @@ def touchable(hand: Hand, clearance: float) -> Touchable:
     return Touchable(p_O, n_O, min(map(sharpest, hand.kind_T, hand.size_T)), clearance)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
     """Whether a tip at point c of the object at pose (R, p) is clear of all static bodies and within some agent's reach."""
-    x, core, eye = np.empty(3), np.zeros(3), np.eye(3)
+    x, core, eye = stack(3), stack(3), stack((3, 3))
+    core[:] = 0.0
     for a in range(3):
         x[a] = p[a]
+        for b in range(3):
+            eye[a, b] = 1.0 if a == b else 0.0
         for b in range(3):
             x[a] += R[a, b] * (points.p_O[c, b] + points.tip * points.n_O[c, b])
     near = False
     for i in range(len(hand.tip_geom)):
         far = 0.0
         for a in range(3):
-            far += (x[a] - hand.chains.p_WB[i, a]) ** 2
-        near = near or far <= hand.reach[i] ** 2
+            far += (x[a] - hand.origin[i, a]) ** 2
+        near = near or far <= hand.span[i] ** 2
     if not near:
         return False
     geoms = hand.geoms
-    for g in range(hand.geom_start[len(hand.tip_geom)], hand.object_geom):
+    for g in range(hand.geom_start[len(hand.tip_geom)], hand.arm_geom):
         gap = distance(
             whole(0), core, points.tip, eye, x,
             geoms.kind[g], geoms.core[g], geoms.radius[g], geoms.R_LG[g], geoms.p_LG[g], points.clearance,
@@ -81,7 +85,7 @@ def has_room(hand: Hand, points: Touchable, c: int, R: Array, p: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_force(
     hand: Hand, path: Path, j: int, points: Touchable, margins: Margins, strength: float, lp: Program
 ) -> float:
@@ -90,7 +94,9 @@ def least_force(
     start = whole(0)
     lp.b[:3], lp.b[3:] = path.up_O[j, 0], 0.0
     first = support_columns(hand, path, j, start, margins, lp, start)
-    mu = (1.0 - margins.friction) * np.min(hand.mu)
+    mu = np.inf
+    for i in range(len(hand.mu)):
+        mu = min(mu, (1.0 - margins.friction) * hand.mu[i])
     alone = len(hand.tip_geom) == 1
     lp.cap[0] = strength
     status, value, _ = solve(lp, first, False)
@@ -139,7 +145,7 @@ def arc_force(
     """
     strength = float(np.sum(hand.cap))
     if not arc.on and all(gap(hand, support, *arc.start) > TOUCH for support in supports):
-        path = in_the_air(arc.goal, gravity)
+        path = in_the_air(hand, arc.goal, gravity)
         return least_force(hand, path, 0, points, margins, strength, program(EDGES * len(points.p_O), 1))
     path = nominal_path(*arc.poses(U), len(U) // 2, 2, gravity, hand, supports)
     lp = program(EDGES * (len(points.p_O) + path.support_mode.shape[1]), 1)
@@ -151,13 +157,14 @@ def arc_force(
     return total / len(LOOKED_AT)
 
 
-def in_the_air(pose: Pose, gravity: Array) -> Path:
+def in_the_air(hand: Hand, pose: Pose, gravity: Array) -> Path:
     """One interval of one step in which the object stands still and nothing carries it."""
-    R, p = pose
+    R, p = (np.array([part, part]) for part in pose)
     g = float(np.linalg.norm(gravity))
-    up_O = -(gravity @ R) / g if g > 0.0 else np.zeros(3)
+    up_O = -(gravity @ pose[0]) / g if g > 0.0 else np.zeros(3)
     none, slots = np.zeros((1, 2, 0, 3)), np.zeros(0, np.int64)
+    bases = carried(hand, R, p, np.tile(hand.arm_home, (2, 1)), np.array([[0, 1]]))
     return Path(
-        np.array([[R, R]]), np.array([[p, p]]), np.array([[up_O, up_O]]), np.zeros((1, 0), np.int64), none, none, none,
-        np.zeros(0), slots, slots,
+        R[None], p[None], np.array([[up_O, up_O]]), np.zeros((1, 0), np.int64), none, none, none, np.zeros(0), slots, slots,
+        *map(np.ascontiguousarray, bases),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 The simplest first: fingers that can keep their contacts keep them. Where they can't and the object rests on supports, all may
 take hold anew; in the air those who hold it may hand it over to others who are off. Only what is left is searched by annealing
-(paper §4).
+(paper §4). Arms that carry hands first go with the object as far as they can; where the fingers fail so, less far.
 """
 
 import itertools
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.planner.arcs import Arc
+from regrasp.planner.arms import ways
 from regrasp.planner.assemble import Segment
 from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.follow import wanders
 from regrasp.planner.hand import Hand
-from regrasp.planner.local import failure_of, plan_arc, terms_of
+from regrasp.planner.local import ArcResult, failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
 from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure, Progress, Report
@@ -35,7 +36,7 @@ Codes = NDArray[np.int16]
 
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
-HALVINGS = 2  # of an arc along which no contacts can be kept
+HALVINGS = 3  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
 HAND_OVERS = 4  # scans for grasps onto which the object is handed over in the air
 STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
@@ -57,8 +58,8 @@ def intervals(task: Task, arc: Arc, least: int = 4) -> int:
     return max(least, math.ceil(arc.angle / s.turn - 1e-9), math.ceil(arc.way / (s.travel * radius) - 1e-9))
 
 
-def path_of(task: Task, arcs: list[Arc]) -> Path:
-    """The nominal path along consecutive arcs."""
+def paths_of(task: Task, arcs: list[Arc], grasp: Grasp | None) -> list[Path]:
+    """The nominal paths along consecutive arcs, one for each way of the arms that carry hands: one where there are none."""
     counts = [intervals(task, arc) for arc in arcs]
     m = task.settings.samples
     R, p = [arcs[0].start[0][None]], [arcs[0].start[1][None]]
@@ -66,27 +67,46 @@ def path_of(task: Task, arcs: list[Arc]) -> Path:
         turns, places = arc.poses(np.arange(1, n * m + 1) / (n * m))
         R.append(turns)
         p.append(places)
-    return _nominal(task, np.concatenate(R), np.concatenate(p), sum(counts))
+    return _nominal(task, np.concatenate(R), np.concatenate(p), sum(counts), grasp)
 
 
-def pieces_of(task: Task, arc: Arc, least: int = 4) -> list[Path]:
-    """The nominal path along an arc in pieces of at most `Settings.intervals` intervals, `least` or more in all."""
+def first_piece(task: Task, arc: Arc, grasp: Grasp | None, least: int = 4) -> Path:
+    """The first piece of an arc, the arms going with the object as far as they can, or at rest where they can't go at all."""
+    piece = pieces_of(task, arc, least)[0]
+    found = _nominal(task, *piece, grasp)
+    return found[0] if found else _path(task, *piece, np.tile(arm_joints(task, grasp), (len(piece[0]), 1)))
+
+
+def pieces_of(task: Task, arc: Arc, least: int = 4) -> list[tuple[Array, Array, int]]:
+    """Poses R, p along an arc in pieces of at most `Settings.intervals` intervals, `least` or more in all; each's count."""
     n, m = intervals(task, arc, least), task.settings.samples
     pieces = math.ceil(n / task.settings.intervals)
     each = math.ceil(n / pieces)
     R, p = arc.poses(np.linspace(0.0, 1.0, pieces * each * m + 1))
     parts = [slice(c * each * m, (c + 1) * each * m + 1) for c in range(pieces)]
-    return [_nominal(task, R[part], p[part], each) for part in parts]
+    return [(R[part], p[part], each) for part in parts]
 
 
-def rest_at(task: Task, pose: Pose, n: int) -> Path:
-    """n intervals in which the object does not move."""
+def rest_at(task: Task, pose: Pose, n: int, grasp: Grasp | None) -> Path:
+    """n intervals in which neither the object nor an arm moves."""
     count = n * task.settings.samples + 1
-    return _nominal(task, np.repeat(pose[0][None], count, axis=0), np.repeat(pose[1][None], count, axis=0), n)
+    q = np.tile(arm_joints(task, grasp), (count, 1))
+    return _path(task, np.repeat(pose[0][None], count, axis=0), np.repeat(pose[1][None], count, axis=0), n, q)
 
 
-def _nominal(task: Task, R: Array, p: Array, n: int) -> Path:
-    return nominal_path(R, p, n, task.settings.samples, np.array(task.world.scene.gravity), task.hand, task.supports)
+def arm_joints(task: Task, grasp: Grasp | None) -> Array:
+    """Where the arms are that carry hands: as in the grasp at hand, at rest before the first."""
+    return task.hand.arm_home if grasp is None else grasp.arm_q
+
+
+def _nominal(task: Task, R: Array, p: Array, n: int, grasp: Grasp | None) -> list[Path]:
+    clearance = task.settings.local.energy.clearance
+    return [_path(task, R, p, n, q) for q in ways(task.hand, R, p, arm_joints(task, grasp), clearance)]
+
+
+def _path(task: Task, R: Array, p: Array, n: int, arm_q: Array) -> Path:
+    gravity = np.array(task.world.scene.gravity)
+    return nominal_path(R, p, n, task.settings.samples, gravity, task.hand, task.supports, arm_q)
 
 
 def stances_for(
@@ -155,7 +175,7 @@ def take_hold(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) 
             V[j, i] = code
             now[i] = OFF if code == OFF else STAY
         if len(steps) not in paths:
-            paths[len(steps)] = rest_at(task, pose, len(steps))
+            paths[len(steps)] = rest_at(task, pose, len(steps), grasp)
         made = moved(task, paths[len(steps)], grasp, V, stage)
         if not isinstance(made, Failure):
             return made
@@ -197,11 +217,11 @@ def plan_leg(
     simple = without_search(task, arcs, grasp, first, rng, clock, HALVINGS)
     if isinstance(simple, Planned) and simple.failure is None:
         return simple
-    ways: list[tuple[list[Segment], Grasp]] = [] if grasp is None else [([], grasp)]
+    starts: list[tuple[list[Segment], Grasp]] = [] if grasp is None else [([], grasp)]
     if isinstance(simple, Planned) and simple.grasp is not None:
-        ways.append((simple.segments, simple.grasp))
+        starts.append((simple.segments, simple.grasp))
     found: Planned | Failure = simple
-    for before, now in ways:
+    for before, now in starts:
         found = annealed(task, arcs, before, now, first, rng, report, clock)
         if found.failure is None or clock.up():
             return found
@@ -216,20 +236,26 @@ def without_search(
     In the air agents that are off may take over, if there are enough of them. Where that fails, half of the arc, and from there
     the other half. A Planned with a failure has taken hold anew, but can't keep those contacts.
     """
-    stage, whole = f"segment {first + 1}", path_of(task, arcs[:1])
-    carried, wandering = whole.support_mode.shape[1] > 0, any(wanders(task.hand, i) for i in range(len(task.names)))
+    stage, wholes = f"segment {first + 1}", paths_of(task, arcs[:1], grasp)
+    if not wholes:
+        return Failure(
+            "collision", stage, "an arm", "cannot go with the object, nor stay", "more room, or another pose of it"
+        )
+    carried, wandering = wholes[0].support_mode.shape[1] > 0, any(wanders(task.hand, i) for i in range(len(task.names)))
     off = task.off if first == 0 else ()
     idle = len(off) if grasp is None else int(np.sum(grasp.holds == 0))
     others = idle >= task.hand.needed  # enough to hold the object by themselves
     failed: Planned | Failure | None = None
     if grasp is not None:
-        made = stay(task, whole, grasp, stage)
-        if not isinstance(made, Failure):
-            return Planned([made[0]], made[1], STAYED, None)
-        failed = made
+        for whole in wholes:
+            made = stay(task, whole, grasp, stage)
+            if not isinstance(made, Failure):
+                return Planned([made[0]], made[1], STAYED, None)
+            failed = failed or made
     if grasp is None or task.router.rests(arcs[0].start):
-        for count in dict.fromkeys((len(arcs), 1)):
-            stances = stances_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off)
+        for count, whole in itertools.product(dict.fromkeys((len(arcs), 1)), wholes):
+            ahead = [whole] if count == 1 else paths_of(task, arcs[:count], grasp)
+            stances = stances_for(task, (ahead or [whole])[0], rng, off)
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
@@ -242,13 +268,13 @@ def without_search(
                 if clock.up():
                     return failed
     if grasp is not None and others and not carried:
-        passed = handed_over(task, arcs[0], whole, grasp, rng, stage)
+        passed = handed_over(task, arcs[0], wholes[0], grasp, rng, stage)
         if isinstance(passed, Planned) and passed.failure is None:
             return passed
         if clock.up():
             return failed or passed
     room = others or task.router.rests(arcs[0].pose(0.5))
-    if halvings > 0 and not clock.up() and len(whole.R_WO) >= SHORTEST and room:
+    if halvings > 0 and not clock.up() and len(wholes[0].R_WO) >= SHORTEST and room:
         one, two = arcs[0].halves()
         there = without_search(task, [one, two, *arcs[1:]], grasp, first, rng, clock, halvings - 1)
         if isinstance(there, Planned) and there.failure is None:
@@ -296,7 +322,7 @@ def handed_over(
 
 def all_arrive(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str) -> bool:
     """Whether each agent, alone, finds its way to its contact of the stance beside the grasp at hand."""
-    here, path = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), rest_at(task, pose, 1)
+    here, path = np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), rest_at(task, pose, 1, grasp)
     for i in np.flatnonzero(stance.candidates != OUT):
         V = here[None].copy()
         V[0, i] = ONTO + stance.candidates[i]
@@ -323,9 +349,16 @@ def annealed(
     """Local plans of the pieces of the first arc, each from where the one before ends."""
     planned, pieces = list(before), pieces_of(task, arcs[0])
     report = told(report, planned)
-    for at, path in enumerate(pieces):
+    for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
-        result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
+        result: ArcResult | None = None
+        for path in _nominal(task, *piece, grasp):
+            result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
+            if result.failure is None or clock.up():
+                break
+        if result is None:
+            blocked = Failure("collision", stage, "an arm", "cannot go with the object, nor stay", "more room")
+            return Planned(planned, grasp, ANNEALED, blocked)
         planned.append(Segment(result.motion, result.energy))
         grasp = result.grasp
         if result.failure:

@@ -17,7 +17,7 @@ from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY
 from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Path, Pose
+from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.scan import touch_down
 from regrasp.planner.supports import gap, moved_onto
 from regrasp.planner.task import Task
@@ -50,28 +50,33 @@ def measured_grasp(
     within the clearance, so that it is not pulled into contact on its way. The contact is the point of the surface nearest to
     the tip; the agent's joints are corrected until it is exact. All other agents are where they are.
     """
-    hand, (R_WO, p_WO) = task.hand, X_WO
+    hand = task.hand
+    q = task.world.coupling.expand(q)
     contacts: dict[int, tuple[Array, Array, Array]] = {}
+    arm_q = np.tile(q[len(hand.home) :], (2, 1))
+    R, p = (np.array([part, part]) for part in X_WO)
+    path = nominal_path(R, p, 1, 1, np.zeros(3), hand, (), arm_q)
     for i, name in enumerate(task.names):
+        R_PO, p_PO = path.R_PO[hand.base[i], 0, 0], path.p_PO[hand.base[i], 0, 0]
         mine = q[hand.chains.start[i] : hand.chains.start[i + 1]].copy()
         R_WL, p_WL = np.empty((len(mine) + 1, 3, 3)), np.empty((len(mine) + 1, 3))
         foot, n = np.empty(3), np.empty(3)
         forward(hand.chains, i, mine, R_WL, p_WL)
-        centre = R_WO.T @ (p_WL[-1] - p_WO)
-        high = tip_gap(hand, i, R_WO.T @ R_WL[-1], centre, foot, n)
+        centre = R_PO.T @ (p_WL[-1] - p_PO)
+        high = tip_gap(hand, i, R_PO.T @ R_WL[-1], centre, foot, n)
         if high < -touch:
             return Failure(
                 "collision", "start", name, f"its tip is {-1e3 * high:.1f} mm inside the object", "a better measurement"
             )
         if high > (touch if bears[i] else min(touch, clearance)):
             continue
-        direction = R_WO.T @ R_WL[-1] @ hand.axis_T[i]
-        if not touch_down(hand, i, R_WO, p_WO, foot, n, 0.0, direction, mine, R_WL, p_WL):
+        direction = R_PO.T @ R_WL[-1] @ hand.axis_T[i]
+        if not touch_down(hand, i, R_PO, p_PO, foot, n, 0.0, direction, mine, R_WL, p_WL):
             return Failure("reach", "start", name, "cannot hold its contact within its joints' range", "bring it back")
         contacts[i] = (mine, foot, n)
-    grasp = build_grasp(hand, R_WO, contacts)
+    grasp = build_grasp(hand, path, contacts)
     off = np.repeat(grasp.holds == 0, np.diff(hand.chains.start))
-    return replace(grasp, q=np.where(off, q, grasp.q))
+    return replace(grasp, q=np.where(off, q[: len(off)], grasp.q))
 
 
 def in_contact(plan: Plan, j: int) -> NDArray[np.bool_]:
@@ -107,7 +112,7 @@ def tight(hand: Hand, path: Path, grasp: Grasp, clearance: float) -> bool:
         q = grasp.q[hand.chains.start[i] : hand.chains.start[i + 1]]
         R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
         forward(hand.chains, i, q, R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
+        place_agent(hand, i, path.R_WP[hand.base[i], 0, 0], path.p_WP[hand.base[i], 0, 0], R_WL, p_WL, R_G[i], p_G[i])
         if (
             hits(hand, i, k, R_G[i], p_G[i], R_B, p_B, clearance)
             or hits(hand, i, k + 1, R_G[i], p_G[i], R_B[row:], p_B[row:], clearance)

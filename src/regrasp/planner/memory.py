@@ -1,9 +1,9 @@
 """Values remembered under keys of whole numbers: what has been computed once on an arc is not computed again."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 
 Ints = NDArray[np.int64]
@@ -29,7 +29,7 @@ def new_memory(bits: int, width: int) -> Memory:
     return Memory(np.zeros((size, width), np.int64), np.zeros(size), np.zeros(size, np.uint8), np.zeros(1, np.int64))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def slot_of(memory: Memory, key: Ints) -> int:
     """The slot in which the key stands, or the free one where it would."""
     keys, taken = memory.keys, memory.taken
@@ -51,7 +51,7 @@ def slot_of(memory: Memory, key: Ints) -> int:
     return slot
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def remember(memory: Memory, slot: int, key: Ints, value: float) -> None:
     """Put a value into the free slot that `slot_of` gave for the key. A memory two thirds full is emptied after."""
     for w in range(key.shape[0]):
@@ -63,7 +63,7 @@ def remember(memory: Memory, slot: int, key: Ints, value: float) -> None:
         forget(memory)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def forget(memory: Memory) -> None:
     """Empty the memory."""
     memory.taken[:] = 0

@@ -12,7 +12,7 @@ from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import Planned, path_of, pieces_of, plan_leg, stances_for, told
+from regrasp.planner.legs import Planned, first_piece, plan_leg, stances_for, told
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report, Tried
 from regrasp.planner.path import Path, Pose
 from regrasp.planner.poses import GOAL, START
@@ -31,7 +31,7 @@ def start_grasp(task: Task, leg: Leg) -> Grasp | Failure | None:
     given = task.world.scene.start.grasp
     if given == "auto":
         return None
-    return given_grasp(task.hand, path_of(task, [leg.arc]), given, task.names)
+    return given_grasp(task.hand, first_piece(task, leg.arc, None), given, task.names)
 
 
 def opening(task: Task, rng: np.random.Generator) -> tuple[Path, Grasp] | Failure:
@@ -39,7 +39,7 @@ def opening(task: Task, rng: np.random.Generator) -> tuple[Path, Grasp] | Failur
     route = task.router.route(START, lambda: False, lambda _: None)
     if isinstance(route, Failure):
         return route
-    path = pieces_of(task, route[0].arc)[0]
+    path = first_piece(task, route[0].arc, None)
     grasp = start_grasp(task, route[0])
     if grasp is None:
         stances = stances_for(task, path, rng, task.off)

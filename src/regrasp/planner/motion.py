@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import heap
 from regrasp.kernels.rotations import multiply_back, rotate_back
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full
@@ -72,6 +72,7 @@ def detail(
     for j, i in zip(*np.nonzero(bears), strict=True):
         twist[j, i] = achieved(hand, i, terms.commands[V[j, i]], R_OT[j, :, i], x_O[j, :, i], n_O[j, :, i])
     violations = violated(hand, path, joints, V, found.holds[state.at[:n]], bears, ends, broken, touched, held, names)
+    joints = np.concatenate([joints, path.arm_q], axis=2)
     # Any contact motion of an agent that is not in contact means that it stays off.
     said = (V >= ONTO) | (found.holds[state.at[:n]] == 1)
     return Motion(path, np.where(said, plain(V), OFF).astype(np.int8), joints, twist, p_OC, n_O, x_O, violations)
@@ -89,12 +90,15 @@ def violated(
     outside = np.logical_or.reduceat(past.any(axis=1), start[:-1], axis=1)
     bends = np.abs(np.diff(joints, 2, axis=1)).max(axis=1) > UNEVEN
     bent = np.logical_or.reduceat(bends, start[:-1], axis=1) & (bears == 1)
+    arms = between(path.arm_q)
+    stray = np.any((arms < hand.arms.lower - LIMIT) | (arms > hand.arms.upper + LIMIT), axis=(1, 2))
+    stray |= np.any(np.abs(np.diff(path.arm_q, 2, axis=1)) > UNEVEN, axis=(1, 2))
     grazes = np.zeros(ends.shape, np.bool_)
     for j, i in zip(*np.nonzero(ends), strict=True):
         grazes[j, i] = least_gap(hand, path, j, i, fine[j][:, start[i] : start[i + 1]].copy()) < -GRAZE
     crowded = np.sum((V >= ONTO) | ((V == OFF) & (holds == 1)), axis=1) > 1
     said = {LOST: "leaves its workspace while in contact", NO_WAY: "finds no free way to or from a contact"}
-    wrong = np.any((broken > 0) | grazes | bent | outside | touched.any(axis=2), axis=1) | crowded | (held == 0)
+    wrong = np.any((broken > 0) | grazes | bent | outside | touched.any(axis=2), axis=1) | crowded | (held == 0) | stray
     for j in np.flatnonzero(wrong).tolist():
         for i in range(k):
             if broken[j, i]:
@@ -105,6 +109,8 @@ def violated(
                 found.append(Violation("reach", j, names[i], "comes too near to a singularity while in contact"))
             if outside[j, i]:
                 found.append(Violation("reach", j, names[i], "passes a joint limit between two samples"))
+        if stray[j]:
+            found.append(Violation("reach", j, "", "an arm comes too near to a singularity or a joint limit"))
         if crowded[j]:
             found.append(Violation("collision", j, "", "more than one agent moves freely at a time"))
         for a, c in zip(*np.nonzero(touched[j]), strict=True):
@@ -122,15 +128,15 @@ def between(q: Array) -> Array:
 
 def least_gap(hand: Hand, path: Path, j: int, i: int, fine: Array) -> float:
     """Least distance of agent i's tip from the object's surface in interval j, m; its joints as `between` gives them."""
-    R_WO = path.R_WO[j]
+    R_PO, p_PO = path.R_PO[hand.base[i], j], path.p_PO[hand.base[i], j]
     part = np.arange(FINE)[:, None] / FINE
     # Between neighbouring samples the object turns about one axis.
-    steps = from_rotvec(part * rotvec(R_WO[1:] @ np.swapaxes(R_WO[:-1], 1, 2))[:, None]) @ R_WO[:-1, None]
-    turns = np.concatenate([steps.reshape(-1, 3, 3), R_WO[-1:]])
-    return float(nearest(hand, i, fine, turns, between(path.p_WO[j])))
+    steps = from_rotvec(part * rotvec(R_PO[1:] @ np.swapaxes(R_PO[:-1], 1, 2))[:, None]) @ R_PO[:-1, None]
+    turns = np.concatenate([steps.reshape(-1, 3, 3), R_PO[-1:]])
+    return float(nearest(hand, i, fine, turns, between(p_PO)))
 
 
-@njit(cache=True, nogil=True)
+@heap
 def nearest(hand: Hand, i: int, q: Array, R_WO: Array, p_WO: Array) -> float:
     """Least distance of agent i's tip from the object's surface at the joints q (F, n_a) and the object's poses, m."""
     n_a = q.shape[1]

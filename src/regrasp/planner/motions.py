@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Vector
 
 Array = NDArray[np.float64]
@@ -20,19 +20,19 @@ ONTO = 11
 """In the search a relocation names its candidate: code ONTO + c takes the agent onto candidate c of the scan."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def whole(value: int) -> int:
     """The number as numba's int64: it would compile a kernel and all it calls a second time for a literal argument."""
     return np.int64(value)  # type: ignore[return-value]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_sliding(code: int) -> bool:
     """Whether the contact motion is one of slide ±x, ±y."""
     return SLIDE_X <= code <= SLIDE_MINUS_Y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def slide_direction(code: int, x: Vector, y: Vector, t: Array) -> None:
     """t = the direction in which a sliding tip moves over the object, and so of its friction on the object."""
     for a in range(3):

@@ -1,14 +1,14 @@
 """The free motion of a relocation (paper §3): off the object, over it and down again, clear of everything on the way."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
-from regrasp.kernels.rotations import multiply_back, rotate_back
+from regrasp.kernels.native import kernel
+from regrasp.kernels.rotations import multiply_back, norm, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project
-from regrasp.planner.collision import hits, object_row, place_agent, stands_clear, tip_hits
+from regrasp.planner.collision import hits, moving_row, object_row, place_agent, stands_clear, tip_hits
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
@@ -26,29 +26,33 @@ WAYS = 4  # direct, over the object at one and at two lift heights, by the rest 
 ROUND = 6  # further ways where the object stands still: along the axes of W, beside it, over it and under it
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lift_height(m: int, s: int, high: float) -> float:
     """Height after s of the m // 4 steps of a lift: quadratic, so that the tip leaves and meets the surface at rest."""
     part = s / (m // 4)
     return high * part * part
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def way_point(hand: Hand, a: Array, b: Array, p: Array, n: Array) -> None:
     """A point p of the object with its normal n to pass over on the way from surface point a to b (O).
 
     Half-way between a and b; for opposite points, whose middle has no side, the side is that of a fixed direction.
     """
-    middle = 0.5 * (a + b)
-    if np.sum(middle * middle) < 0.04 * np.sum(a * a):
-        d = np.array([0.0, 0.0, 1.0]) if abs(a[2]) < 0.8 * np.sqrt(np.sum(a * a)) else np.array([1.0, 0.0, 0.0])
-        middle = d * np.sqrt(np.sum(a * a))
+    middle, size = stack(3), norm(a)
+    for x in range(3):
+        middle[x] = 0.5 * (a[x] + b[x])
+    length = norm(middle)
+    if length < 0.2 * size:
+        middle[:] = 0.0
+        middle[2 if abs(a[2]) < 0.8 * size else 0] = size
     else:
-        middle = middle * (2.0 * hand.radius / np.sqrt(np.sum(middle * middle)))
+        for x in range(3):
+            middle[x] *= 2.0 * hand.radius / length
     project(hand.kind_O, hand.size_O, hand.grids, middle, p, n)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hover(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, R_OT: Array, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -67,7 +71,7 @@ def hover(
     return reach_pose(hand, i, R_WT, p_WT, q, R_WL, p_WL) < REACHED
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def raise_tip(
     hand: Hand,
     path: Path,
@@ -84,25 +88,25 @@ def raise_tip(
 
     here: the configuration in contact. The tip rises along the normal (step 1), or comes down on it (step −1, from the end).
     """
-    m = path.R_WO.shape[1] - 1
+    m, b = path.R_WO.shape[1] - 1, hand.base[i]
     n_a = q.shape[1]
     R_WL, p_WL, a_O, R_OT = found.R_WL, found.p_WL, stack(3), stack((3, 3))
     forward(hand.chains, i, q[first], R_WL, p_WL)
-    tool_direction(hand, i, path.R_WO[j, first], R_WL, a_O)
-    multiply_back(path.R_WO[j, first], R_WL[n_a], R_OT)
+    tool_direction(hand, i, path.R_PO[b, j, first], R_WL, a_O)
+    multiply_back(path.R_PO[b, j, first], R_WL[n_a], R_OT)
     s = first
     for count in range(1, m // 4 + 1):
         s += step
         q[s] = q[s - step]
         if not hover(
-            hand, i, path.R_WO[j, s], path.p_WO[j, s], found.p_OC[here], found.n_O[here], lift_height(m, count, high),
-            R_OT, a_O, q[s], R_WL, p_WL,
+            hand, i, path.R_PO[b, j, s], path.p_PO[b, j, s], found.p_OC[here], found.n_O[here],
+            lift_height(m, count, high), R_OT, a_O, q[s], R_WL, p_WL,
         ):  # fmt: skip
             return False
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def travel(
     hand: Hand,
     path: Path,
@@ -119,26 +123,27 @@ def travel(
 
     Returns whether there is a way point and all stay within the joint limits.
     """
-    m, n_a = path.R_WO.shape[1] - 1, q.shape[1]
+    m, n_a, b = path.R_WO.shape[1] - 1, q.shape[1], hand.base[i]
+    R_PO, p_PO = path.R_PO[b, j, m // 2], path.p_PO[b, j, m // 2]
     lifts, lands = found.holds[here] == 1, found.holds[there] == 1
     first = hand.chains.start[i]
     start, end = m // 4 if lifts else 0, m - m // 4 if lands else m
-    middle = np.empty(n_a)
+    middle = stack(n_a)
     for a in range(n_a):
         middle[a] = hand.home[first + a] if way == WAYS - 1 else 0.5 * (q[start, a] + q[end, a])
     if way >= WAYS:
-        R_WO, a_O, n, p = path.R_WO[j, m // 2], stack(3), stack(3), stack(3)
+        a_O, n, p = stack(3), stack(3), stack(3)
         for a in range(n_a):
             middle[a] = hand.home[first + a]
         forward(hand.chains, i, middle, found.R_WL, found.p_WL)
-        tool_direction(hand, i, R_WO, found.R_WL, a_O)
+        tool_direction(hand, i, R_PO, found.R_WL, a_O)
         for a in range(3):
             n[a] = 0.0
         n[(way - WAYS) // 2] = 1.0 - 2.0 * ((way - WAYS) % 2)
-        rotate_back(R_WO, n, n)
+        rotate_back(R_PO, n, n)
         for a in range(3):
             p[a] = hand.radius * n[a]
-        if not touch_down(hand, i, R_WO, path.p_WO[j, m // 2], p, n, high, a_O, middle, found.R_WL, found.p_WL):
+        if not touch_down(hand, i, R_PO, p_PO, p, n, high, a_O, middle, found.R_WL, found.p_WL):
             return False
     elif 0 < way < WAYS - 1:
         if not (lifts and lands):
@@ -147,9 +152,7 @@ def travel(
         way_point(hand, found.p_OC[here], found.p_OC[there], p, n)
         for a in range(3):
             a_O[a] = -n[a]
-        if not touch_down(
-            hand, i, path.R_WO[j, m // 2], path.p_WO[j, m // 2], p, n, high * way, a_O, middle, found.R_WL, found.p_WL
-        ):
+        if not touch_down(hand, i, R_PO, p_PO, p, n, high * way, a_O, middle, found.R_WL, found.p_WL):
             return False
     for s in range(start + 1, end):
         u = (s - start) / (end - start)
@@ -166,7 +169,7 @@ def travel(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p: Array, count: int) -> None:
     """Poses of bodies at part u between two configurations, straight in every entry.
 
@@ -179,13 +182,15 @@ def blend(A_R: Array, A_p: Array, B_R: Array, B_p: Array, u: float, R: Array, p:
                 R[g, a, b] = (1.0 - u) * A_R[g, a, b] + u * B_R[g, a, b]
 
 
-@njit(cache=True, nogil=True)
-def leaps(hand: Hand, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_G: Array) -> bool:
-    """Whether a body of agent i goes farther than LEAP between two rows of q; the others: scratch."""
-    before = np.empty_like(p_G)
+@kernel
+def leaps(hand: Hand, path: Path, j: int, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_G: Array) -> bool:
+    """Whether a body of agent i goes farther than LEAP between two rows of q in interval j; the others: scratch."""
+    before = stack((len(p_G), 3))
     for s in range(len(q)):
         forward(hand.chains, i, q[s], R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, R_G, p_G)
+        place_agent(
+            hand, i, path.R_WP[hand.base[i], j, s], path.p_WP[hand.base[i], j, s], R_WL, p_WL, R_G, p_G
+        )  # fmt: skip
         for g in range(hand.geom_start[i + 1] - hand.geom_start[i]):
             far = 0.0
             for a in range(3):
@@ -196,7 +201,7 @@ def leaps(hand: Hand, i: int, q: Array, R_WL: Array, p_WL: Array, R_G: Array, p_
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def way_clear(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
     q: Array,
@@ -209,17 +214,21 @@ def way_clear(
     m, k, n_a = path.R_WO.shape[1] - 1, len(hand.tip_geom), q.shape[1]
     rise = m // 4
     lifts, lands = found.holds[at[i]] == 1, found.holds[to[i]] == 1
-    geoms, last = found.p_WG.shape[1], object_row(hand)
-    R_WL, p_WL, here = found.R_WL, found.p_WL, np.empty(n_a)
-    R_G, p_G = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    R_C, p_C = np.empty((geoms, 3, 3)), np.empty((geoms, 3))
-    R_B, p_B = found.R_WB[j].copy(), found.p_WB[j].copy()
-    R_A, R_Z, p_A, p_Z = found.R_WB[j, last:], found.R_WB[j + 1, last:], found.p_WB[j, last:], found.p_WB[j + 1, last:]
+    geoms, moving, last, base = found.p_WG.shape[1], moving_row(hand), object_row(hand), hand.base[i]
+    R_P, p_P = stack((1, 3, 3)), stack((1, 3))
+    R_WL, p_WL, here = found.R_WL, found.p_WL, stack(n_a)
+    R_G, p_G = stack((geoms, 3, 3)), stack((geoms, 3))
+    R_C, p_C = stack((geoms, 3, 3)), stack((geoms, 3))
+    R_B, p_B = stack((len(found.p_WB[j]), 3, 3)), stack((len(found.p_WB[j]), 3))
+    R_B[:], p_B[:] = found.R_WB[j], found.p_WB[j]
+    R_A, R_Z, p_A, p_Z = (
+        found.R_WB[j, moving:], found.R_WB[j + 1, moving:], found.p_WB[j, moving:], found.p_WB[j + 1, moving:]
+    )  # fmt: skip
     widest = 0.0
     for s in range(m):
         for a in range(n_a):
             widest = max(widest, abs(q[s + 1, a] - q[s, a]))
-    if widest > WIDE and leaps(hand, i, q, R_WL, p_WL, R_G, p_G):
+    if widest > WIDE and leaps(hand, path, j, i, q, R_WL, p_WL, R_G, p_G):
         return False
     looks = max(2, whole(np.ceil(widest / NEAR)))
     half = looks * m // 2
@@ -230,8 +239,13 @@ def way_clear(
         for a in range(n_a):
             here[a] = q[s, a] if part == 0.0 else (1.0 - part) * q[s, a] + part * q[s + 1, a]
         forward(hand.chains, i, here, R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, R_G, p_G)
-        blend(R_A, p_A, R_Z, p_Z, u, R_B[last:], p_B[last:], len(R_A))
+        if base > 0:
+            blend(
+                path.R_WP[base, j, s : s + 1], path.p_WP[base, j, s : s + 1], path.R_WP[base, j, s + 1 : s + 2],
+                path.p_WP[base, j, s + 1 : s + 2], part, R_P, p_P, 1,
+            )  # fmt: skip
+        place_agent(hand, i, R_P[0], p_P[0], R_WL, p_WL, R_G, p_G)
+        blend(R_A, p_A, R_Z, p_Z, u, R_B[moving:], p_B[moving:], len(R_A))
         if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
             return False
         rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
@@ -251,7 +265,7 @@ def way_clear(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def free_motion(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
     q: Array,
@@ -262,7 +276,7 @@ def free_motion(
     rest), travels in joint space, by a way point if way > 0, and touches down on its new contact (or comes to rest).
     """
     m, n_a = path.R_WO.shape[1] - 1, q.shape[1]
-    here, there = at[i], to[i]
+    here, there, base = at[i], to[i], hand.base[i]
     for a in range(n_a):
         q[0, a], q[m, a] = found.q[here, a], found.q[there, a]
     if found.holds[here] and not raise_tip(hand, path, found, j, i, here, whole(0), whole(1), high, q):
@@ -271,9 +285,9 @@ def free_motion(
         return -1
     still = True
     for a in range(3):
-        still = still and path.p_WO[j, 0, a] == path.p_WO[j, m, a]
+        still = still and path.p_PO[base, j, 0, a] == path.p_PO[base, j, m, a]
         for b in range(3):
-            still = still and path.R_WO[j, 0, a, b] == path.R_WO[j, m, a, b]
+            still = still and path.R_PO[base, j, 0, a, b] == path.R_PO[base, j, m, a, b]
     for way in range(WAYS + ROUND if still else WAYS):
         if travel(hand, path, found, j, i, here, there, whole(way), high, q) and way_clear(
             hand, path, found, j, i, at, to, high, clearance, q

@@ -1,12 +1,13 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.features import TOUCH
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.surfaces import MESH
+from regrasp.planner.arms import poses_of
 from regrasp.planner.hand import Hand
 from regrasp.planner.supports import COINCIDE, SEPARATE, SLIDE, STICK, Support, on_surface, patches_along
 from regrasp.planner.turns import angle, from_rotvec, rotvec
@@ -22,6 +23,10 @@ class Path(Record):
     units of the weight. support_mode (n, P): separate, stick or slide; support_p_O, support_n_O, support_t_O
     (n, m + 1, P, 3): contact point, normal into the object, direction of sliding friction on the object; support_mu (P,);
     support_of, support_slot (P,): which support a slot belongs to, and which of its slots (`supports.Touches`) it is.
+
+    Agents stand on bases b = 0 … B − 1 (`Hand.base`): the world, and the palms P of arms that carry hands. R_WP, p_WP, R_PO,
+    p_PO (B, n, m + 1, …): the bases, and the object in them; arm_q (n, m + 1, nq_a): joints of the arms; R_WG, p_WG (n, m + 1,
+    G, …): their bodies.
     """
 
     R_WO: Array
@@ -34,15 +39,31 @@ class Path(Record):
     support_mu: Array
     support_of: Ints
     support_slot: Ints
+    R_WP: Array
+    p_WP: Array
+    R_PO: Array
+    p_PO: Array
+    arm_q: Array
+    R_WG: Array
+    p_WG: Array
 
 
-@njit(cache=True, nogil=True)
-def pose_at(path: Path, j: int) -> tuple[Array, Array]:
-    """Object pose of configuration j = 0 … n."""
+@kernel
+def pose_at(path: Path, b: int, j: int) -> tuple[Array, Array]:
+    """Object pose in base b in configuration j = 0 … n."""
     n, samples = path.R_WO.shape[0], path.R_WO.shape[1]
     if j < n:
-        return path.R_WO[j, 0], path.p_WO[j, 0]
-    return path.R_WO[n - 1, samples - 1], path.p_WO[n - 1, samples - 1]
+        return path.R_PO[b, j, 0], path.p_PO[b, j, 0]
+    return path.R_PO[b, n - 1, samples - 1], path.p_PO[b, n - 1, samples - 1]
+
+
+@kernel
+def base_at(path: Path, b: int, j: int) -> tuple[Array, Array]:
+    """Pose of base b in configuration j = 0 … n."""
+    n, samples = path.R_WO.shape[0], path.R_WO.shape[1]
+    if j < n:
+        return path.R_WP[b, j, 0], path.p_WP[b, j, 0]
+    return path.R_WP[b, n - 1, samples - 1], path.p_WP[b, n - 1, samples - 1]
 
 
 Pose = tuple[Array, Array]
@@ -64,9 +85,10 @@ WANDER = 10.0
 
 
 def nominal_path(
-    R_WO: Array, p_WO: Array, n: int, m: int, gravity: Array, hand: Hand, supports: tuple[Support, ...]
-) -> Path:
-    """The Path along n·m + 1 given poses.
+    R_WO: Array, p_WO: Array, n: int, m: int, gravity: Array, hand: Hand, supports: tuple[Support, ...],
+    arm_q: Array | None = None,
+) -> Path:  # fmt: skip
+    """The Path along n·m + 1 given poses, with the arms' joints arm_q (n·m + 1, nq_a), or at rest.
 
     A support slot that bears force (`bearing`) has its mode from the velocity of the object's material point relative to the
     surface (paper §2): below 1 % of the fastest point of the object it sticks, else it slides, and friction opposes the
@@ -98,8 +120,19 @@ def nominal_path(
     n_O = np.where(here, n_W @ R, [0.0, 0.0, 1.0])
     t_O = np.where(slides, -v / np.where(slides[..., 0], speed, 1.0)[..., None], 0.0) @ R
     mu = np.array([supports[a].mu for a in of], float)
-    arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot)
+    q = np.broadcast_to(hand.arm_home, (len(R_WO), len(hand.arm_home))) if arm_q is None else arm_q
+    arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot, *carried(hand, R_WO, p_WO, q, index))
     return Path(*(np.ascontiguousarray(array) for array in arrays))
+
+
+def carried(hand: Hand, R_WO: Array, p_WO: Array, arm_q: Array, index: Ints) -> tuple[Array, ...]:
+    """The last seven arrays of a Path, of poses (count, …), joints (count, nq_a) and the samples' places (n, m + 1) there."""
+    R_WP, p_WP, R_WG, p_WG = poses_of(hand, arm_q)
+    R_PO = np.swapaxes(R_WP, -1, -2) @ R_WO
+    p_PO = (np.swapaxes(R_WP, -1, -2) @ (p_WO - p_WP)[..., None])[..., 0]
+    return (
+        R_WP[:, index], p_WP[:, index], R_PO[:, index], p_PO[:, index], arm_q[index], R_WG[index], p_WG[index],
+    )  # fmt: skip
 
 
 def begin_early(

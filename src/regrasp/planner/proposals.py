@@ -11,7 +11,7 @@ from regrasp.kernels.forces import EDGES
 from regrasp.plan import Plan
 from regrasp.planner.balance import balance
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.legs import moved, pieces_of, rest_at, stances_for
+from regrasp.planner.legs import first_piece, moved, rest_at, stances_for
 from regrasp.planner.method import check_ends, plan_of, start_grasp
 from regrasp.planner.motions import OFF, STAY
 from regrasp.planner.outcome import Failure, Progress, Report
@@ -87,12 +87,12 @@ def propose(
         if given is not None:
             return _all(task, (given,), seed)
         rng = np.random.default_rng(seed)
-        stances = stances_for(task, pieces_of(task, route[0].arc)[0], rng, task.off)
+        stances = stances_for(task, first_piece(task, route[0].arc, None), rng, task.off)
         return stances if isinstance(stances, Failure) else _all(task, tuple(s.grasp for s in stances[:count]), seed)
 
 
 def _all(task: Task, grasps: tuple[Grasp, ...], seed: int) -> tuple[Proposal, ...] | Failure:
-    path = rest_at(task, task.router.start_pose, 1)
+    path = rest_at(task, task.router.start_pose, 1, None)
     made = [_proposal(task, path, grasp, seed) for grasp in grasps]
     found = tuple(each for each in made if isinstance(each, Proposal))
     return found or next(each for each in made if isinstance(each, Failure))

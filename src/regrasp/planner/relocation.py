@@ -6,9 +6,9 @@ scan costs as much as it is worth, and annealing weighs the choice by what it do
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.planner.configurations import Configurations, standing
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, STAY, whole
@@ -23,7 +23,7 @@ SAME = 1e-9  # weights by which objectives differ that are equal but for their l
 NEIGHBOURS = 4  # candidates after one that is barred that are asked in its stead
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def with_indispensable(
     hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, j: int, value: float, bound: float
 ) -> float:
@@ -46,7 +46,7 @@ def with_indispensable(
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def others_bear(found: Configurations, work: Work, state: State, j: int, i: int) -> None:
     """Tell `sum_of_forces` that all agents but i do in interval j what the state says, and i bears no force."""
     for a in range(len(work.bears)):
@@ -55,7 +55,7 @@ def others_bear(found: Configurations, work: Work, state: State, j: int, i: int)
         work.bears[a] = 1 if a != i and state.V[j, a] < RELOCATE and found.holds[state.at[j, a]] else 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hopeless(
     hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, state: State, first: int, j: int, i: int,
     bound: float,
@@ -79,7 +79,7 @@ def hopeless(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def objective(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, state: State, j: int, i: int,
     candidate: int, there: int, bound: float,
@@ -92,7 +92,7 @@ def objective(
     the agents that could not be relocated from there; a contact that is about to leave the agent's reach would have to be
     relocated again at once, and others wait for their turn.
     """
-    kept = scan.kept[i, j + 1, candidate]
+    kept = scan.kept[scan.row[i, j + 1, candidate]]
     if kept >= 0.0 and work.floor[j] + terms.outlook * (1.0 - kept) >= bound:
         return np.inf
     others_bear(found, work, state, j, i)
@@ -108,7 +108,7 @@ def objective(
     return with_indispensable(hand, path, terms, found, work, j, value, bound)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def choose(
     hand: Hand, path: Path, scan: Scan, terms: Terms, found: Configurations, work: Work, state: State, j: int, i: int,
     u: Array,

@@ -14,7 +14,7 @@ from regrasp.planner.arcs import straight
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.legs import pieces_of
+from regrasp.planner.legs import first_piece, pieces_of
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
 from regrasp.planner.method import end_pose
@@ -136,7 +136,7 @@ class Replanner:
         """
         began = time.perf_counter()
         clock = self._clock()
-        shape = len(self._task.hand.home)
+        shape = self.plan.joints.shape[2]
         X_WO, q = (np.asarray(X_WO[0], float), np.asarray(X_WO[1], float)), np.asarray(q, float)
         if X_WO[0].shape != (3, 3) or X_WO[1].shape != (3,) or q.shape != (shape,):
             raise InputError("step", "wrong shapes", f"R (3, 3), p (3,), q ({shape},)")
@@ -262,10 +262,11 @@ class Replanner:
             V = np.zeros((1, len(touching)), np.int8)
         V = with_touching(V, touching)
         least = self.settings.intervals if np.any(V == RELOCATE) else 4
-        pieces = pieces_of(self._task, straight(X_WO, legs[0].end), least)
-        V, n = resampled(V, sum(len(path.R_WO) for path in pieces)), len(pieces[0].R_WO)
+        arc = straight(X_WO, legs[0].end)
+        path, pieces = first_piece(self._task, arc, grasp, least), pieces_of(self._task, arc, least)
+        V, n = resampled(V, sum(count for _, _, count in pieces)), len(path.R_WO)
         rest = [Leg(legs[0].end, V[n:])] if len(pieces) > 1 else []
-        return pieces[0], V[:n], rest + legs[1:]
+        return path, V[:n], rest + legs[1:]
 
     def _searched(
         self, way: int, path: Path, V: Codes, grasp: Grasp, energy: Energy, clock: Clock

@@ -12,9 +12,9 @@ near a line, have to press more.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, minus
 from regrasp.kernels.stack import stack
@@ -40,7 +40,7 @@ class Margins(Record):
     slide: float
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, share: Array) -> None:
     """share (C,) = σ of the contacts at p (C, 3), in radii from the centre of mass; 0 for those that do not stick.
 
@@ -96,7 +96,7 @@ def shares(p: Array, sticks: NDArray[np.uint8], shifts: Array, turns: Array, sha
             share[i] = np.sqrt(total)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def invert(A: Array, inverse: Array) -> None:
     """The inverse of a regular symmetric 3×3 matrix, by its adjugate."""
     for a in range(3):
@@ -109,7 +109,7 @@ def invert(A: Array, inverse: Array) -> None:
             inverse[a, b] /= det
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spare(margins: Margins, mu: float, share: float, cap: float) -> float:
     """s: the normal force, in weights, that a contact has to spare; its cone is moved up its axis by it. cap: its limit.
 

@@ -5,9 +5,9 @@ motions; while no joint is near its limit, none is.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.follow import short_step, wanders
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 ROOM = 0.25  # rad or m to its limits that every joint shall have after an interval
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cramped(hand: Hand, i: int, q: Array) -> float:
     """Σ of the squares of what agent i's joints q (n_a,) lack of ROOM to their limits."""
     first, total = hand.chains.start[i], 0.0
@@ -30,7 +30,7 @@ def cramped(hand: Hand, i: int, q: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def roll_within(
     hand: Hand, path: Path, commands: Array, first: int, last: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -40,12 +40,12 @@ def roll_within(
     Staying, unless the tip wanders, joints have less than ROOM left after it and a roll leaves them more. The contact p_OC,
     p_TC, R_OT and the joints q (n_a,) are those at the start in, at the end out, in one step instead of the intervals' samples.
     """
-    R_A, p_A = pose_at(path, first)
-    R_Z, p_Z = pose_at(path, last)
+    R_A, p_A = pose_at(path, hand.base[i], first)
+    R_Z, p_Z = pose_at(path, hand.base[i], last)
     steps = (path.R_WO.shape[1] - 1.0) * (last - first)
     foot, n, x, y = stack(3), stack(3), stack(3), stack(3)
     p, c, R, p_best, c_best, R_best = stack(3), stack(3), stack((3, 3)), stack(3), stack(3), stack((3, 3))
-    joints, q_best = np.empty_like(q), np.empty_like(q)
+    joints, q_best = stack(len(q)), stack(len(q))
     project(hand.kind_O, hand.size_O, hand.grids, p_OC, foot, n)
     best, least = whole(-1), np.inf
     for code in range(STAY, (ROLL_MINUS_Y if wanders(hand, i) else STAY) + 1):

@@ -111,8 +111,8 @@ class Router:
 
     def in_reach(self, pose: Pose) -> bool:
         """Whether some agent could touch the object at a pose at all."""
-        far = np.linalg.norm(self.hand.chains.p_WB - pose[1], axis=1)
-        return bool(np.any(far <= self.hand.reach + self.hand.radius))
+        far = np.linalg.norm(self.hand.origin - pose[1], axis=1)
+        return bool(np.any(far <= self.hand.span + self.hand.radius))
 
     def restarted(self) -> int:
         """The node to begin again from: the start."""

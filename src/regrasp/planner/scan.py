@@ -5,12 +5,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
 from regrasp.kernels.grids import Grids
 from regrasp.kernels.inverse import inverse_point, turn_towards
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.sampling import sample
@@ -18,15 +18,15 @@ from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import SPHERE, project
 from regrasp.kernels.wrist import NONE, solve_all
 from regrasp.planner.collision import place_agent, stands_clear
-from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, reach_pose, tip_target
+from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, leap, reach_pose, tip_target
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import whole
-from regrasp.planner.path import Path, pose_at
+from regrasp.planner.path import Path, base_at, pose_at
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.tips import over, touches_in_a_point, under
 
 Array = NDArray[np.float64]
-UNKNOWN, FREE, BARRED = 0, 1, 2
+UNKNOWN, BARRED = 0, -1
 AGREEING = 12  # attitudes of a tip and places for them, until they agree
 NEARER = 6  # steps towards a point of the surface that a short chain can touch
 SPINS = 6  # orientations about the tool's axis that an arm tries
@@ -55,20 +55,23 @@ class Scan(Record):
     """Candidates c = 0 … C − 1 on the object: p_O, n_O (C, 3); what each agent can do there, filled in when first asked.
 
     Each point stands DIRECTIONS times, with as many directions of the tool: against the normal, half-way from there to its
-    direction at rest, and as at rest, but by LEAN from the normal at most. For each agent and configuration (k, n + 1, C, …):
-    status UNKNOWN, FREE (reachable, nothing fixed in the way) or BARRED; p, n: the candidate, moved to where an agent of fewer
-    than six joints can touch; q: joints there; kept: part of the coming way on which the contact can be kept, −1 unknown.
-    rest_W (k, 3): where the tip points at rest. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
+    direction at rest, and as at rest, but by LEAN from the normal at most.
+    row (k, n + 1, C): for each agent and configuration UNKNOWN, BARRED, or, where the candidate is reachable with nothing fixed
+    in the way, its row ≥ 1 in what follows, in the order in which they were found; used (1,): the first row not taken.
+    p, n: the candidate, moved to where an agent of fewer than six joints can touch; q: joints there; kept: part of the coming
+    way on which the contact can be kept, −1 unknown.
+    rest_P (k, 3): where the tip points at rest, in its base. R_WL, p_WL, of one chain, R_WG, p_WG, of its geoms: scratch.
     """
 
     p_O: Array
     n_O: Array
-    status: NDArray[np.int8]
+    row: NDArray[np.int32]
+    used: NDArray[np.int64]
     p: Array
     n: Array
     q: Array
     kept: Array
-    rest_W: Array
+    rest_P: Array
     R_WL: Array
     p_WL: Array
     R_WG: Array
@@ -90,19 +93,20 @@ def new_scan(hand: Hand, path: Path, settings: Relocation) -> Scan:
     k, n = len(hand.tip_geom), len(path.R_WO)
     joints, geoms = int(np.max(np.diff(hand.chains.start))), int(np.max(np.diff(hand.geom_start)))
     shape = (k, n + 1, DIRECTIONS * len(p_O))
-    R_WL, p_WL, rest_W = np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((k, 3))
+    R_WL, p_WL, rest_P = np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((k, 3))
     for i in range(k):
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         forward(hand.chains, i, hand.home[first:last], R_WL, p_WL)
-        rest_W[i] = R_WL[last - first] @ hand.axis_T[i]
+        rest_P[i] = R_WL[last - first] @ hand.axis_T[i]
+    rows = 1 + math.prod(shape)  # memory that is not written to is not taken
     return Scan(
-        np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int8), np.zeros((*shape, 3)),
-        np.zeros((*shape, 3)), np.zeros((*shape, joints)), np.full(shape, -1.0),
-        rest_W, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
+        np.tile(p_O, (DIRECTIONS, 1)), np.tile(n_O, (DIRECTIONS, 1)), np.zeros(shape, np.int32), np.ones(1, np.int64),
+        np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, joints)), np.empty(rows),
+        rest_P, R_WL, p_WL, np.zeros((geoms, 3, 3)), np.zeros((geoms, 3)),
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def aim(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -143,7 +147,7 @@ def aim(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touch_down(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -158,7 +162,7 @@ def touch_down(
     return lower(hand, i, R_WO, p_WO, p_O, n_O, height, a_O, q, R_WL, p_WL)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lower(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, a_O: Array,
     q: Array, R_WL: Array, p_WL: Array,
@@ -183,7 +187,7 @@ def lower(
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> None:
     """a_O = where the tip points, in O."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
@@ -191,19 +195,21 @@ def tool_direction(hand: Hand, i: int, R_WO: Array, R_WL: Array, a_O: Array) -> 
     rotate_back(R_WO, a_O, a_O)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def candidate_free(
     hand: Hand, path: Path, scan: Scan, R_B: Array, p_B: Array, j: int, i: int, c: int, clearance: float
-) -> bool:
-    """Whether agent i can stand on candidate c in configuration j: reach, own links, static bodies, object. Remembered.
+) -> int:
+    """The row of candidate c for agent i in configuration j, if it can stand there, else 0. Remembered.
 
-    R_B, p_B: poses of the static bodies, then the object's, in configuration j.
+    It can with the point within reach and clear of its own links, of static bodies and the object. R_B, p_B: poses of the
+    static bodies, then the object's, in configuration j.
     """
-    known = scan.status[i, j, c]
+    known = scan.row[i, j, c]
     if known != UNKNOWN:
-        return known == FREE
-    scan.status[i, j, c] = BARRED
-    R_WO, p_WO = pose_at(path, j)
+        return max(whole(known), 0)
+    scan.row[i, j, c] = BARRED
+    b = hand.base[i]
+    R_WO, p_WO = pose_at(path, b, j)
     first, last = hand.chains.start[i], hand.chains.start[i + 1]
     p, a_O = stack(3), stack(3)
     rotate(R_WO, scan.p_O[c], p)
@@ -212,8 +218,10 @@ def candidate_free(
         p[x] += p_WO[x]
         far += (p[x] - hand.chains.p_WB[i, x]) ** 2
     if far > hand.reach[i] ** 2:
-        return False
-    q, R_WL, p_WL = scan.q[i, j, c, : last - first], scan.R_WL, scan.p_WL
+        return 0
+    # In the next free row, which is taken if the agent can stand there.
+    row = scan.used[0]
+    q, R_WL, p_WL = scan.q[row, : last - first], scan.R_WL, scan.p_WL
     for a in range(last - first):
         q[a] = hand.home[first + a]
     for x in range(3):
@@ -221,17 +229,17 @@ def candidate_free(
     lean = DIRECTIONS * c // len(scan.p_O)
     if lean > 0:
         # By `lean` halves of the way from −n to the direction at rest.
-        rotate_back(R_WO, scan.rest_W[i], p)
+        rotate_back(R_WO, scan.rest_P[i], p)
         along = -dot(p, scan.n_O[c])
         for x in range(3):
             p[x] += along * scan.n_O[c, x]
         across = norm(p)
         if across < 0.1:
-            return False
+            return 0
         turn = min(0.5 * lean * np.arctan2(across, along), LEAN)
         for x in range(3):
             a_O[x] = np.cos(turn) * a_O[x] + np.sin(turn) * p[x] / across
-    point, normal = scan.p[i, j, c], scan.n[i, j, c]
+    point, normal = scan.p[row], scan.n[row]
     for x in range(3):
         point[x], normal[x] = scan.p_O[c, x], scan.n_O[c, x]
     reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
@@ -246,26 +254,27 @@ def candidate_free(
             project(hand.kind_O, hand.size_O, hand.grids, p, point, normal)
             reached = touch_down(hand, i, R_WO, p_WO, point, normal, 0.0, a_O, q, R_WL, p_WL)
     if not reached or not is_agile(hand, i, R_WL, p_WL):
-        return False
+        return 0
     p_TC, R_OT = stack(3), stack((3, 3))
     multiply_back(R_WO, R_WL[last - first], R_OT)
     under(hand, i, R_OT, normal, p_TC)
     if not touches_in_a_point(hand, i, point, p_TC, R_OT):
-        return False
-    place_agent(hand, i, R_WL, p_WL, scan.R_WG, scan.p_WG)
+        return 0
+    R_WP, p_WP = base_at(path, b, j)
+    place_agent(hand, i, R_WP, p_WP, R_WL, p_WL, scan.R_WG, scan.p_WG)
     if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_B, p_B, clearance):
-        return False
-    scan.status[i, j, c] = FREE
-    return True
+        return 0
+    scan.row[i, j, c], scan.used[0], scan.kept[row] = row, row + 1, -1.0
+    return row
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def look_ahead(n: int, j: int, look: int) -> int:
     """Configuration of look 1 … LOOKS on the way from configuration j to n."""
     return j + (look * (n - j) + LOOKS - 1) // LOOKS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hold_on(
     hand: Hand, path: Path, commands: Array, j: int, i: int, p_OC: Array, p_TC: Array, R_OT: Array, stride: int,
     q: Array, p: Array, n_O: Array,
@@ -277,15 +286,15 @@ def hold_on(
     p_OC, p_TC, R_OT are scratch for it.
     """
     n, n_a = path.R_WO.shape[0], q.shape[1]
-    R_WL, p_WL, R_WT, p_WT = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3)), stack(3)
+    R_WL, p_WL, R_WT, p_WT = stack((n_a + 1, 3, 3)), stack((n_a + 1, 3)), stack((3, 3)), stack(3)
     for look in range(1, LOOKS + 1):
         first, last = look_ahead(n, j, look - 1), look_ahead(n, j, look)
         q[look], p[look], n_O[look] = q[look - 1], p[look - 1], n_O[look - 1]
         if is_full(hand, i):
-            R_WO, p_WO = pose_at(path, last)
+            R_WO, p_WO = pose_at(path, hand.base[i], last)
             tip_target(R_WO, p_WO, p_OC, p_TC, R_OT, R_WT, p_WT)
             residual = reach_pose(hand, i, R_WT, p_WT, q[look], R_WL, p_WL)
-            if residual > REACHED or np.max(np.abs(q[look] - q[look - 1])) > JUMP * max(1, last - first):
+            if residual > REACHED or leap(q[look], q[look - 1]) > JUMP * max(1, last - first):
                 return look - 1
         else:
             for at in range(first, last, stride):
@@ -296,29 +305,29 @@ def hold_on(
     return LOOKS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def outlook_of(
     hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, j: int, i: int, c: int, clearance: float,
     commands: Array,
 ) -> float:  # fmt: skip
     """Part of the coming way on which agent i can keep standing on candidate c, clear of fixed bodies and the object.
 
-    R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
+    It can stand there in configuration j. R_WB, p_WB (n + 1, B, …): poses of the static bodies, then the object's. Remembered.
     """
-    n = path.R_WO.shape[0]
-    if scan.kept[i, j, c] >= 0.0:
-        return scan.kept[i, j, c]
+    n, row = path.R_WO.shape[0], scan.row[i, j, c]
+    if scan.kept[row] >= 0.0:
+        return scan.kept[row]
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    q, p, n_O = np.zeros((LOOKS + 1, n_a)), np.empty((LOOKS + 1, 3)), np.empty((LOOKS + 1, 3))
+    q, p, n_O = stack((LOOKS + 1, n_a)), stack((LOOKS + 1, 3)), stack((LOOKS + 1, 3))
     kept = 1.0
     if j < n:
         reached = stay_on(hand, path, scan, commands, j, i, c, whole(STRIDE), q, p, n_O)
         kept = clear_on(hand, path, scan, R_WB, p_WB, j, i, reached, q, clearance) / LOOKS
-    scan.kept[i, j, c] = kept
+    scan.kept[row] = kept
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clear_on(
     hand: Hand,
     path: Path,
@@ -334,14 +343,15 @@ def clear_on(
     """At how many of the looks reached agent i, its joints q (LOOKS + 1, n_a), is clear of fixed bodies and the object."""
     for look in range(1, reached + 1):
         forward(hand.chains, i, q[look], scan.R_WL, scan.p_WL)
-        place_agent(hand, i, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
         at = look_ahead(path.R_WO.shape[0], j, look)
+        R_WP, p_WP = base_at(path, hand.base[i], at)
+        place_agent(hand, i, R_WP, p_WP, scan.R_WL, scan.p_WL, scan.R_WG, scan.p_WG)
         if not stands_clear(hand, i, scan.R_WG, scan.p_WG, R_WB[at], p_WB[at], clearance):
             return look - 1
     return reached
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stay_on(
     hand: Hand,
     path: Path,
@@ -357,18 +367,20 @@ def stay_on(
 ) -> int:
     """`hold_on` of agent i on candidate c in configuration j; q, p, n_O out."""
     p_OC, p_TC, R_OT = stack(3), stack(3), stack((3, 3))
-    q[0] = scan.q[i, j, c, : q.shape[1]]
-    p[0], n_O[0] = scan.p[i, j, c], scan.n[i, j, c]
+    row = scan.row[i, j, c]
+    q[0] = scan.q[row, : q.shape[1]]
+    p[0], n_O[0] = scan.p[row], scan.n[row]
     p_OC[:] = p[0]
     touch(hand, path, scan, j, i, c, p_TC, R_OT)
     return hold_on(hand, path, commands, j, i, p_OC, p_TC, R_OT, stride, q, p, n_O)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touch(hand: Hand, path: Path, scan: Scan, j: int, i: int, c: int, p_TC: Array, R_OT: Array) -> None:
     """Contact point on the tip and orientation of the tip of agent i standing on candidate c in configuration j."""
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    R_WO, _ = pose_at(path, j)
-    forward(hand.chains, i, scan.q[i, j, c, :n_a], scan.R_WL, scan.p_WL)
+    R_WO, _ = pose_at(path, hand.base[i], j)
+    row = scan.row[i, j, c]
+    forward(hand.chains, i, scan.q[row, :n_a], scan.R_WL, scan.p_WL)
     multiply_back(R_WO, scan.R_WL[n_a], R_OT)
-    under(hand, i, R_OT, scan.n[i, j, c], p_TC)
+    under(hand, i, R_OT, scan.n[row], p_TC)

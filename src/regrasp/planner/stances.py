@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.native import heap, kernel
 from regrasp.kernels.records import Record
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
@@ -18,7 +18,7 @@ from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import STAY, whole
 from regrasp.planner.outcome import Failure
-from regrasp.planner.path import Path
+from regrasp.planner.path import Path, base_at
 from regrasp.planner.reserve import Margins
 from regrasp.planner.scan import LOOKS, Scan, candidate_free, clear_on, look_ahead, stay_on
 from regrasp.planner.supports import STICK
@@ -65,7 +65,7 @@ class GraspSearch:
     friction_use: float = 0.6
 
 
-@njit(cache=True, nogil=True)
+@heap
 def indispensable(
     hand: Hand, path: Path, bears: NDArray[np.uint8], p: Array, n: Array, margins: Margins, lp: Program
 ) -> float:
@@ -84,7 +84,7 @@ def indispensable(
     return lost / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+@heap
 def grasp_cost(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, bound: float, lp: Program,
@@ -160,7 +160,7 @@ def grasp_cost(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def contacts_at(
     which: NDArray[np.int64], choice: NDArray[np.int64], ahead: Ahead, look: int, p: Array, n: Array
 ) -> None:
@@ -172,7 +172,7 @@ def contacts_at(
                 n[i, x] = ahead.n_O[which[i], choice[which[i]], look, x]
 
 
-@njit(cache=True, nogil=True)
+@heap
 def look_over(
     hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, terms: Terms, row: int, ahead: Ahead
 ) -> int:
@@ -193,11 +193,12 @@ def look_over(
             last = min(look, reached)
             p[look], n_O[look] = p[last], n_O[last]
             forward(hand.chains, i, q[last], R_WL, p_WL)
-            place_agent(hand, i, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
+            R_WP, p_WP = base_at(path, hand.base[i], look_ahead(len(path.R_WO), start, look))
+            place_agent(hand, i, R_WP, p_WP, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
     return count
 
 
-@njit(cache=True, nogil=True)
+@heap
 def improve(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, cost: float, lp: Program,
@@ -224,7 +225,7 @@ def improve(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@heap
 def drawn(
     hand: Hand, path: Path, scan: Scan, terms: Terms, agents: NDArray[np.int64], rest_R: Array, rest_p: Array,
     choice: NDArray[np.int64], margins: Margins, ahead: Ahead, lp: Program,
@@ -285,7 +286,9 @@ def find_grasp(
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         R_WL, p_WL = np.empty((last - first + 1, 3, 3)), np.empty((last - first + 1, 3))
         forward(hand.chains, i, (hand.home if holding is None else holding.q)[first:last], R_WL, p_WL)
-        place_agent(hand, i, R_WL, p_WL, rest_R[i], rest_p[i])
+        place_agent(
+            hand, i, path.R_WP[hand.base[i], 0, 0], path.p_WP[hand.base[i], 0, 0], R_WL, p_WL, rest_R[i], rest_p[i]
+        )
     own = object_row(hand)
     for i in off:
         if holding is not None and holding.holds[i]:
@@ -335,6 +338,6 @@ def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], cho
     for i, c in zip(agents.tolist(), choice, strict=True):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
         if c != OUT:
-            candidates[i] = c
-            contacts[i] = (scan.q[i, 0, c, :n_a].copy(), scan.p[i, 0, c].copy(), scan.n[i, 0, c].copy())
-    return Stance(build_grasp(hand, path.R_WO[0, 0], contacts), candidates)
+            candidates[i], row = c, scan.row[i, 0, c]
+            contacts[i] = (scan.q[row, :n_a].copy(), scan.p[row].copy(), scan.n[row].copy())
+    return Stance(build_grasp(hand, path, contacts), candidates)

@@ -1,9 +1,9 @@
 """One matrix V as a way through the agents' configurations, and what each of its intervals adds to Eq. (1)."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ def new_state(n: int, k: int) -> State:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy_intervals(source: State, target: State, first: int, last: int) -> None:
     """Copy the intervals first … last − 1 and the configurations at their ends."""
     k = source.V.shape[1]

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.cores import POINT
 from regrasp.kernels.distances import Geoms, bounds_far
 from regrasp.kernels.features import TOUCH
+from regrasp.kernels.native import heap
 from regrasp.kernels.patches import ROOM, SCRATCH, SLOTS, contact, patch
 from regrasp.kernels.rotations import multiply, rotate
 from regrasp.planner.hand import Hand, geom_index
@@ -175,7 +175,7 @@ def patches_along(hand: Hand, supports: tuple[Support, ...], R_WO: Array, p_WO: 
     return Touches(np.repeat(n, SLOTS, axis=2), flat, points.reshape(S, A, B * SLOTS, 3))
 
 
-@njit(cache=True, nogil=True)
+@heap
 def _along(
     geoms: Geoms, first: int, ids: Ints, R_WO: Array, p_WO: Array, n_W: Array, present: Flags, p_W: Array
 ) -> None:  # fmt: skip

@@ -1,11 +1,11 @@
 """The object among the static bodies: how near it is to each, and how far it may go along an arc."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.distances import bounds_far, distance
 from regrasp.kernels.features import TOUCH
+from regrasp.kernels.native import heap, kernel
 from regrasp.kernels.records import Record
 from regrasp.kernels.rotations import exp, multiply, rotate
 from regrasp.kernels.stack import stack
@@ -58,7 +58,7 @@ def surroundings_of(hand: Hand, supports: tuple[Support, ...]) -> Surroundings:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gap_to(around: Surroundings, b: int, R: Array, p: Array, limit: float) -> float:
     """Distance of the object at pose (R, p) from body b, m; any value above the limit where it is farther."""
     least, R_WP, p_WP = limit + 1.0, stack((3, 3)), stack(3)
@@ -77,14 +77,14 @@ def gap_to(around: Surroundings, b: int, R: Array, p: Array, limit: float) -> fl
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gaps_at(around: Surroundings, R: Array, p: Array, limit: float, gaps: Array) -> None:
     """gaps (B,) = `gap_to` each body."""
     for b in range(len(gaps)):
         gaps[b] = gap_to(around, b, R, p, limit)
 
 
-@njit(cache=True, nogil=True)
+@heap
 def along(R_0: Array, p_0: Array, w: Array, c: Array, d: Array, u: float, R: Array, p: Array) -> None:
     """Pose (R, p) at part u of an arc: a turn by the vector u w about the point c, which moves by u d meanwhile."""
     E, v = np.empty((3, 3)), np.empty(3)
@@ -98,7 +98,7 @@ def along(R_0: Array, p_0: Array, w: Array, c: Array, d: Array, u: float, R: Arr
             p[x] += E[x, y] * (p_0[y] - c[y])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stopped(around: Surroundings, least: Array, R: Array, p: Array) -> int:
     """The first body that is nearer than it may be, least (B,), at a pose, or −1."""
     for b in range(len(least)):
@@ -107,7 +107,7 @@ def stopped(around: Surroundings, least: Array, R: Array, p: Array) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@heap
 def go(
     around: Surroundings, R_0: Array, p_0: Array, w: Array, c: Array, d: Array, steps: int, clearance: float,
     held: Flags, kept: Flags,

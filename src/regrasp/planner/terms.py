@@ -6,12 +6,13 @@ Four exact shortcuts leave every value as it is (`Shortcuts`).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.basis import Program, program
 from regrasp.kernels.forces import EDGES
+from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
+from regrasp.kernels.stack import stack
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits
 from regrasp.planner.configurations import Configurations
@@ -168,7 +169,7 @@ def floor_of(hand: Hand, path: Path) -> Array:
     return np.asarray(alone * load * (1.0 - 1e-6) / np.sqrt(1.0 + np.max(hand.mu) ** 2), np.float64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def changes(V: Codes) -> int:
     """Σ_i g_i: how often agents change their contact motion; each relocation is a motion of its own."""
     count = 0
@@ -179,7 +180,7 @@ def changes(V: Codes) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def loose(hand: Hand, path: Path, found: Configurations, state: State, j: int, but: int) -> int:
     """h_j: how many sticking contacts interval j has too few to determine the object's pose, agent `but` (−1: none) left out.
 
@@ -196,13 +197,13 @@ def loose(hand: Hand, path: Path, found: Configurations, state: State, j: int, b
     return max(0, hand.needed - stick)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moves_freely(code: int, holds: int) -> bool:
     """Whether an agent leaves or comes to the object in this interval."""
     return code >= ONTO or (code == OFF and holds == 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def collide(hand: Hand, terms: Terms, found: Configurations, work: Work, a: int, b: int, x: int, y: int) -> bool:
     """Whether agents a < b in their configurations x and y come closer than the clearance."""
     key, slot = work.key_pair, 0
@@ -217,7 +218,7 @@ def collide(hand: Hand, terms: Terms, found: Configurations, work: Work, a: int,
     return hit
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, j: int, end: int) -> float:
     """Σ of the normal contact forces at the start (end = 0) or end (1) of interval j; inf without equilibrium.
 
@@ -268,7 +269,7 @@ def sum_of_forces(hand: Hand, path: Path, terms: Terms, found: Configurations, w
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def force_terms(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int) -> None:
     """e_j and Σ_i |f_ij| of interval j. The force program stands at both ends of it with its contact motions."""
     for i in range(len(work.bears)):
@@ -283,7 +284,7 @@ def force_terms(hand: Hand, path: Path, terms: Terms, found: Configurations, wor
             new.e[j], new.f[j] = 0.0, 0.5 * (start + end)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def way_of(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int, i: int) -> int:
     """The way of agent i's free motion through interval j, −1 for none."""
     k = new.V.shape[1]
@@ -299,20 +300,20 @@ def way_of(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Wo
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
     way = free_motion(
         hand, path, found, j, i, new.at[j], new.at[j + 1], terms.high, terms.clearance,
-        np.empty((path.R_WO.shape[1], n_a)),
+        stack((path.R_WO.shape[1], n_a)),
     )  # fmt: skip
     if work.shortcuts.memory:
         remember(work.ways, slot, key, way)
     return way
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_energy(terms: Terms, work: Work, j: int) -> float:
     """What e_j and f_j add to Eq. (1) at least: the forces that hold the object, or the want of them."""
     return min(terms.equilibrium, terms.force * work.floor[j])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def interval_energy(terms: Terms, state: State, j: int) -> float:
     """The share of interval j in Eq. (1), without the changes g."""
     violations = terms.collision * state.c[j] + terms.equilibrium * state.e[j]

@@ -39,8 +39,8 @@ class Timing:
 
 
 def moves_freely(course: Course, owner: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,): whether an agent lifts off, lands or retires in the interval; owner (nq,): the agent of each joint."""
-    moved = np.any(course.joints != course.joints[:, :1], axis=1)
+    """(N,): whether an agent lifts off, lands or retires in the interval; owner: whose each joint is, agents' joints first."""
+    moved = np.any(course.joints != course.joints[:, :1], axis=1)[:, : len(owner)]
     return np.asarray(np.any(moved & (course.V[:, owner] >= RELOCATE), axis=1))
 
 
@@ -49,8 +49,8 @@ def durations(
 ) -> Array:
     """Duration of each interval (N,), s.
 
-    force (N, M, k, 3): of the agents, in weights; owner, speeds (nq,): agent and speed limit of each joint; radius: of the
-    object, m.
+    force (N, M, k, 3): of the agents, in weights; owner: whose each joint of an agent is, these first; speeds (nq,): limit of
+    each joint; radius: of the object, m.
     """
     m = course.joints.shape[1] - 1
     part = np.where(moves_freely(course, owner), timing.free_speed, timing.speed)

@@ -1,12 +1,12 @@
 """The agents' tips at the object: which of their points touches, where they stand then, and how far they are from it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.contact import OK, contact_rates
 from regrasp.kernels.gaps import gap
 from regrasp.kernels.gauss import support_point
+from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import multiply_back, norm, rotate, rotate_back
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import CAPSULE, ELLIPSOID, MESH, SPHERE
@@ -18,7 +18,7 @@ RUNS = 1.0  # m per rad: a contact that runs faster as the tip turns is one of f
 CUT = 1e-5  # m: a tip that is deeper in the object somewhere else than at its contact does not fit there
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def under(hand: Hand, i: int, R_OT: Array, n_O: Array, p_TC: Array) -> None:
     """p_TC, the point of agent i's tip that touches where the object's normal is n_O: its normal there is −R_OTᵀ n_O."""
     rotate_back(R_OT, n_O, p_TC)
@@ -27,7 +27,7 @@ def under(hand: Hand, i: int, R_OT: Array, n_O: Array, p_TC: Array) -> None:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def over(
     hand: Hand, i: int, R_WO: Array, p_WO: Array, p_O: Array, n_O: Array, height: float, R_WT: Array, p_WT: Array
 ) -> None:
@@ -48,13 +48,13 @@ def over(
                 p_WT[x] -= R_WT[x, y] * p_TC[y]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def plain(hand: Hand, i: int) -> bool:
     """Whether agent i's tip is a ball and the object convex: then a contact is always defined and nothing else touches."""
     return bool(hand.kind_T[i] == SPHERE and hand.kind_O != MESH)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_gap(hand: Hand, i: int, R_OT: Array, p_OT: Array, p_O: Array, n_O: Array) -> float:
     """Distance of agent i's tip from the object, m, negative inside; p_O, n_O: the object's nearest point, its normal there."""
     p_TC = stack(3)
@@ -62,7 +62,7 @@ def tip_gap(hand: Hand, i: int, R_OT: Array, p_OT: Array, p_O: Array, n_O: Array
     return distance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fits(hand: Hand, i: int, p_OC: Array, p_TC: Array, R_OT: Array) -> bool:
     """Whether agent i's tip, in contact, touches the object nowhere else: two sides of a hollow, say."""
     if plain(hand, i):
@@ -75,7 +75,7 @@ def fits(hand: Hand, i: int, p_OC: Array, p_TC: Array, R_OT: Array) -> bool:
     return bool(tip_gap(hand, i, R_OT, p_OT, p, n) > -CUT)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touches_in_a_point(hand: Hand, i: int, p_OC: Array, p_TC: Array, R_OT: Array) -> bool:
     """Whether agent i's contact is one that can move, and the only one: no line, no face, no second point.
 

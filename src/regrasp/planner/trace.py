@@ -1,14 +1,14 @@
 """One arc sample by sample: what all agents do in every interval, whom they touch, and whether the object is held."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from regrasp.kernels.chains import forward
+from regrasp.kernels.native import heap
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import project, tangents
 from regrasp.planner.balance import balance
-from regrasp.planner.collision import hits, object_row, place, place_agent, tip_hits
+from regrasp.planner.collision import hits, moving_row, object_row, place, place_agent, tip_hits
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full, reach_tip, roll, short_step
 from regrasp.planner.hand import Hand
@@ -25,14 +25,14 @@ SAME = 1e-4  # rad: joints traced sample by sample and found in one step must ag
 LOST, NO_WAY = 1, 2
 
 
-@njit(cache=True, nogil=True)
+@heap
 def trace_contact(
     hand: Hand, path: Path, command: Array, j: int, i: int,
     p_OC: Array, p_TC: Array, R_OT: Array, x_O: Array, q: Array, n_O: Array,
 ) -> bool:  # fmt: skip
     """`follow` with every sample kept: row 0 of all arrays (m + 1, …) is the start, the other rows are written."""
     m = path.R_WO.shape[1] - 1
-    y, foot = stack(3), stack(3)
+    y, foot, b = stack(3), stack(3), hand.base[i]
     n_a = q.shape[1]
     R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
     step = command / m
@@ -51,7 +51,7 @@ def trace_contact(
             ):
                 fine = False
         elif not short_step(
-            hand, path.R_WO[j, s], path.p_WO[j, s], path.R_WO[j, s + 1], path.p_WO[j, s + 1], i, step, 1.0,
+            hand, path.R_PO[b, j, s], path.p_PO[b, j, s], path.R_PO[b, j, s + 1], path.p_PO[b, j, s + 1], i, step, 1.0,
             p_OC[s + 1], p_TC[s + 1], R_OT[s + 1], x_O[s + 1], q[s + 1], R_WL, p_WL,
         ):  # fmt: skip
             fine = False
@@ -59,7 +59,7 @@ def trace_contact(
     return fine
 
 
-@njit(cache=True, nogil=True)
+@heap
 def sample_hits(
     hand: Hand, path: Path, j: int, q: Array, holds: NDArray[np.uint8], ends: NDArray[np.uint8], clearance: float,
     R_B: Array, p_B: Array, found: NDArray[np.uint8],
@@ -67,9 +67,9 @@ def sample_hits(
     """Blocks that collide at any sample of interval j: found (k, k + 2). q (m + 1, nq) joints of all agents.
 
     holds (k,): in contact all through; ends (k,): in contact at the start (1), the end (2) or both (3) of a free motion,
-    near which its tip may be close to the object. R_B, p_B: static bodies, then the object's, which are moved.
+    near which its tip may be close to the object. R_B, p_B: static bodies, then the arms' and the object's, which are moved.
     """
-    m, k, last = q.shape[0] - 1, len(holds), object_row(hand)
+    m, k, first, last = q.shape[0] - 1, len(holds), moving_row(hand), object_row(hand)
     geoms = np.max(np.diff(hand.geom_start))
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     obj, obj_p = np.zeros((1, 3, 3)), np.zeros((1, 3))
@@ -79,9 +79,12 @@ def sample_hits(
     for s in range(m + 1):
         obj[0], obj_p[0] = path.R_WO[j, s], path.p_WO[j, s]
         place(hand, hand.object_geom, len(hand.geoms.kind), obj, obj_p, R_B[last:], p_B[last:])
+        for g in range(last - first):
+            R_B[first + g], p_B[first + g] = path.R_WG[j, s, g], path.p_WG[j, s, g]
         for i in range(k):
+            b = hand.base[i]
             forward(hand.chains, i, q[s, hand.chains.start[i] : hand.chains.start[i + 1]], R_WL, p_WL)
-            place_agent(hand, i, R_WL, p_WL, R_G[i], p_G[i])
+            place_agent(hand, i, path.R_WP[b, j, s], path.p_WP[b, j, s], R_WL, p_WL, R_G[i], p_G[i])
         for a in range(k):
             near = (ends[a] & 1 and s <= rise) or (ends[a] & 2 and s >= m - rise)
             for c in range(a, k):
@@ -95,7 +98,7 @@ def sample_hits(
                 found[a, k + 1] = 1
 
 
-@njit(cache=True, nogil=True)
+@heap
 def balanced(
     hand: Hand, path: Path, terms: Terms, j: int, bears: NDArray[np.uint8], codes: NDArray[np.int16],
     p_OC: Array, n_O: Array, x_O: Array, work: Work,
@@ -116,7 +119,7 @@ def balanced(
     return True
 
 
-@njit(cache=True, nogil=True)
+@heap
 def trace(
     hand: Hand, path: Path, terms: Terms, found: Configurations, state: State, work: Work,
     joints: Array, p_OC: Array, n_O: Array, x_O: Array, R_OT: Array, bears: Flags, ends: Flags, broken: Flags,

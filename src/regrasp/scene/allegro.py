@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.scene import arms
 from regrasp.scene.forms import AllegroHand
 from regrasp.scene.parts import LINK_COLOUR, capsule, hinge, tip
 from regrasp.scene.pose import about, multiply
@@ -61,6 +62,9 @@ DENSITY = 2900.0
 ARMATURE = 1e-4  # kg m², a small geared motor
 DAMPING = 1e-2  # N m s/rad
 
+# m from an arm's flange to P along z: the palm begins 1 cm past the flange.
+MOUNT = 0.105
+
 # At rest: bent enough to touch something above the palm, the thumb across from the fingers.
 HOME = {
     "index": (0.0, 0.5, 0.8, 0.8),
@@ -110,7 +114,11 @@ def limits(name: str) -> tuple[Array, Array]:
 def place(spec: mujoco.MjSpec, hand: AllegroHand) -> None:
     """Adds the hand to the world `spec`."""
     pose = hand.pose
-    palm = spec.worldbody.add_body(name="palm", pos=pose.p + pose.R @ ORIGIN, quat=multiply(pose.wxyz, ATTITUDE))
+    place, turn = pose.p + pose.R @ ORIGIN, multiply(pose.wxyz, ATTITUDE)
+    if hand.arm is None:
+        palm = spec.worldbody.add_body(name="palm", pos=place, quat=turn)
+    else:
+        palm = arms.carry(spec, hand.arm, place, turn, MOUNT)
     attach(palm, hand.side == "left", hand.tip_radius)
     # These overlap by construction: the first joints are in the palm, and the thumb's second link is as short as thick.
     for name in hand.finger_names:

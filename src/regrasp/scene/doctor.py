@@ -96,13 +96,17 @@ def _of_robot(robot: Robot) -> Iterator[Symptom]:
     yield from _of_joints(model)
     yield from _of_sizes(model)
     for equality in robot.spec.equalities:
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.name2 and not np.any(equality.data[2:5]):
+            continue  # one joint follows another
         who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
         yield Symptom(
             "warning", who, "bound by an equality constraint: not to be in an agent's chain", "free joints there"
         )
-    if robot.spec.tendons:
-        what = f"{len(robot.spec.tendons)} tendons are ignored: what they couple moves freely in a plan"
-        yield Symptom("warning", "model", what, "agents whose joints no tendon couples")
+    tied = {name for e in robot.spec.equalities if e.type == mujoco.mjtEq.mjEQ_TENDON for name in (e.name1, e.name2)}
+    loose = [tendon.name for tendon in robot.spec.tendons if tendon.name not in tied]
+    if loose:
+        what = f"{len(loose)} tendons are ignored: the joints that they couple move each by itself in a plan"
+        yield Symptom("warning", "model", what, "an equality constraint that says how its joints share a tendon")
     option = model.opt
     weak = [
         word

@@ -92,12 +92,29 @@ class PlanarHand(BuiltIn):
         return tuple(f"finger{i + 1}" for i in range(len(self.bases)))
 
 
+Wrist = Annotated[
+    Literal["moves", "fixed"], Field(description="whether an arm that several fingers share moves with the plan")
+]
+
+
+class Carrier(Strict):
+    """An arm that carries a hand, its base at `pose` in W: z along its first axis."""
+
+    robot: Literal["ur5e"]
+    pose: Pose
+    wrist: Wrist = "moves"
+
+
 class AllegroHand(BuiltIn):
-    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm."""
+    """A hand with the Allegro's joints. `pose` is of its palm's face: x along the stretched fingers, z out of the palm.
+
+    On an arm that is where the palm is at the start.
+    """
 
     hand: Literal["allegro"]
     side: Literal["right", "left"] = "right"
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    arm: Carrier | None = None
     tip_radius: Length = 0.012
     home: dict[Finger, Four] = Field(default_factory=dict)
 
@@ -108,8 +125,8 @@ class AllegroHand(BuiltIn):
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """Parts of the hand that may carry the object."""
-        return ("palm",)
+        """Parts of the hand that may carry the object: the palm, where it stands still."""
+        return ("palm",) if self.arm is None or self.arm.wrist == "fixed" else ()
 
 
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -206,9 +223,14 @@ class URTeam(BuiltIn):
 
 
 class OwnModel(Strict):
-    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips."""
+    """A robot that somebody else described, its world placed at `pose`; its agents are named by their tips.
+
+    posture: where joints rest that no agent has to itself, by their names in the file, rad or m.
+    """
 
     pose: Pose = Pose(position=(0.0, 0.0, 0.0))
+    wrist: Wrist = "moves"
+    posture: dict[str, JointValue] = Field(default_factory=dict)
 
     @property
     def surfaces(self) -> tuple[str, ...]:

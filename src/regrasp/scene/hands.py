@@ -101,6 +101,8 @@ def _freeze(spec: mujoco.MjSpec, hand: BuiltIn, scene: Scene) -> None:
         values = iter(home(hand, name))
         for body in reversed(chain):
             for joint in list(body.joints):  # all at the body's origin
+                if not joint.name.startswith(f"{name}/"):
+                    continue  # of the arm that carries the hand
                 value = next(values)
                 if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
                     way = np.empty(3)

@@ -1,11 +1,13 @@
 """A robot of one's own, added to a world: the agents' chains stay movable, all else of it stands still."""
 
+import collections
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.errors import InputError
-from regrasp.scene import collisions, ends, models, tips
+from regrasp.scene import collisions, couplings, ends, models, tips
 from regrasp.scene.forms import OwnModel
 from regrasp.scene.pose import multiply
 from regrasp.scene.schema import Scene, Tip
@@ -16,8 +18,8 @@ PREFIX = "robot/"
 """Names of a robot of one's own are kept apart from those of the scene by this."""
 SPEED = 2.0
 """Of a joint whose file says nothing of speed, rad/s or m/s."""
-REPAIR, LIMIT = "repair ", "speed of "
-"""Names of the custom texts and numbers of the world's model that tell each repair and each joint's speed limit."""
+REPAIR, LIMIT, POSTURE = "repair ", "speed of ", "rest of "
+"""Names of custom texts and numbers of the world's model: each repair, each joint's speed limit, where it rests."""
 
 
 def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
@@ -36,9 +38,10 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
             repairs += tips.smooth(robot, f"agents.{i}.tip", agent.tip_name)
     robot.compile()  # gives what was added its number
     chains = _chains(robot, scene)
-    moving = [joint for chain in chains for joint in chain]
-    _require_open(robot, moving)
-    _strip(robot, moving)
+    moving = list({joint.id: joint for chain in chains for joint in chain}.values())
+    repairs += couplings.settle(robot, chains)
+    _require_known(robot, model.posture, moving, chains)
+    _strip(robot, moving, model.posture)
     repairs += _part_neighbours(robot, _home(robot, chains, scene))
     for name in dir(spec.option):  # the scene's options hold, whatever the model was written with
         if not name.startswith("_"):
@@ -47,6 +50,8 @@ def attach(spec: mujoco.MjSpec, model: OwnModel, scene: Scene) -> None:
     for i, repair in enumerate(repairs):
         spec.add_text(name=f"{REPAIR}{i}", data=repair)
     for joint in moving:
+        if joint.name in model.posture:
+            spec.add_numeric(name=f"{POSTURE}{PREFIX}{joint.name}", data=[model.posture[joint.name]], size=1)
         if joint.name in found.speeds:
             spec.add_numeric(name=f"{LIMIT}{PREFIX}{joint.name}", data=[found.speeds[joint.name]], size=1)
     spec.attach(robot, frame=base.add_frame(), prefix=PREFIX)
@@ -68,9 +73,16 @@ def speeds(model: mujoco.MjModel, joints: NDArray[np.int64]) -> Array:
     return np.array([given.get(f"{LIMIT}{model.joint(int(j)).name}", SPEED) for j in joints])
 
 
+def postures(model: mujoco.MjModel, joints: NDArray[np.int64]) -> Array:
+    """Where joints (n,) rest, rad or m, as the scene says, else at the model's zero."""
+    given = {model.numeric(i).name: float(model.numeric_data[model.numeric_adr[i]]) for i in range(model.nnumeric)}
+    return np.array([
+        given.get(f"{POSTURE}{model.joint(int(j)).name}", model.qpos0[model.jnt_qposadr[j]]) for j in joints
+    ])  # fmt: skip
+
+
 def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
-    """The joints between the world and each agent's tip, base to tip; no two agents may share one."""
-    owner: dict[int, str] = {}
+    """The joints between the world and each agent's tip, base to tip; those that agents share only if their wrist moves."""
     chains = []
     for i, agent in enumerate(scene.agents):
         field = f"agents.{i}.tip"
@@ -82,45 +94,44 @@ def _chains(robot: mujoco.MjSpec, scene: Scene) -> list[list[mujoco.MjsJoint]]:
                     continue  # a floating base is held where the file puts it
                 if joint.type == mujoco.mjtJoint.mjJNT_BALL:
                     raise InputError(field, f"joint {joint.name!r} before it is a ball", "hinges and slides only")
-                if (other := owner.setdefault(joint.id, agent.name)) != agent.name:
-                    raise InputError(
-                        field, f"shares joint {joint.name!r} with {other}", "each agent has its own joints"
-                    )
                 joints.append(joint)
             body = body.parent
         if not joints:
             raise InputError(field, f"no joint moves {agent.tip_name!r}", "the tip is at the end of a chain of joints")
         chains.append(joints[::-1])
-    return chains
+    users = collections.Counter(joint.id for chain in chains for joint in chain)
+    own = [[joint for joint in chain if users[joint.id] == 1] for chain in chains]
+    for i, agent in enumerate(scene.agents):
+        if not own[i]:
+            raise InputError(f"agents.{i}.tip", f"no joint moves {agent.tip_name!r} alone", "one agent for each finger")
+    assert isinstance(scene.model, OwnModel)
+    return own if scene.model.wrist == "fixed" else chains
 
 
-def _require_open(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
-    """Drops the equality constraints that bind no agent; raises InputError for one that does."""
-    joints = {joint.name for joint in moving}
-    driven = {joint.parent.id for joint in moving}
-    bodies = set()
-    for body in robot.bodies[1:]:
-        above = body
-        while above.id != 0 and above.id not in driven:
-            above = above.parent
-        if above.id != 0:
-            bodies.add(body.name)
-    for equality in list(robot.equalities):
-        ends = {equality.name1, equality.name2}
-        couples = equality.type == mujoco.mjtEq.mjEQ_JOINT
-        closes = equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
-        on_bodies = equality.objtype == mujoco.mjtObj.mjOBJ_BODY
-        if not ((couples and not ends & joints) or (closes and on_bodies and not ends & bodies)):
-            who = " and ".join(repr(end) for end in (equality.name1, equality.name2) if end)
-            hint = "agents are open chains of hinges and slides, each joint free of the others"
-            raise InputError("model", f"an equality constraint binds {who}", hint)
-        robot.delete(equality)
+def _require_known(
+    robot: mujoco.MjSpec, posture: dict[str, float], moving: list[mujoco.MjsJoint], chains: list[list[mujoco.MjsJoint]]
+) -> None:
+    """Raises InputError for a posture of what is no joint, is an agent's own, or is out of its range."""
+    users = collections.Counter(joint.name for chain in chains for joint in chain)
+    model = robot.compile()
+    names = {model.joint(j).name: j for j in range(model.njnt)}
+    for name, value in posture.items():
+        if name not in names:
+            legal = ", ".join(joint for joint in names if users[joint] != 1)
+            raise InputError(f"model.posture.{name}", "no such joint", f"legal: {legal or 'none'}")
+        if users[name] == 1:
+            raise InputError(f"model.posture.{name}", "is an agent's own joint", "the agent's home")
+        lower, upper = model.jnt_range[names[name]]
+        if model.jnt_limited[names[name]] and not lower <= value <= upper:
+            raise InputError(
+                f"model.posture.{name}", f"{value:g} is out of its range", f"legal: {lower:.4g} to {upper:.4g}"
+            )
 
 
-def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
+def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint], posture: dict[str, float]) -> None:
     """Leaves of a robot what a plan and its replay use: the agents' joints with their drives, bodies and geoms.
 
-    A joint of no agent is frozen at its value nearest to zero, a floating base where the file has it.
+    A joint of no agent is frozen at its posture, or its value nearest to zero, a floating base where the file has it.
     """
     names = {joint.name for joint in moving}
     for actuator in list(robot.actuators):
@@ -134,7 +145,7 @@ def _strip(robot: mujoco.MjSpec, moving: list[mujoco.MjsJoint]) -> None:
         if joint in moving:
             continue
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            _freeze(robot, joint, _rest(model, joint.id))
+            _freeze(robot, joint, posture.get(joint.name, _rest(model, joint.id)))
         robot.delete(joint)
 
 
@@ -167,8 +178,11 @@ def _rest(model: mujoco.MjModel, joint: int) -> float:
 
 def _home(robot: mujoco.MjSpec, chains: list[list[mujoco.MjsJoint]], scene: Scene) -> dict[str, float]:
     """Joint → its value at rest; where the scene's count does not fit, that is told later."""
-    home: dict[str, float] = {}
-    for chain, agent in zip(chains, scene.agents, strict=True):
+    assert isinstance(scene.model, OwnModel)
+    home: dict[str, float] = dict(scene.model.posture)
+    users = collections.Counter(joint.id for chain in chains for joint in chain)
+    for agent, whole in zip(scene.agents, chains, strict=True):
+        chain = [joint for joint in whole if users[joint.id] == 1]
         if agent.home is not None and len(agent.home) == len(chain):
             home |= {joint.name: value for joint, value in zip(chain, agent.home, strict=True)}
     return home
@@ -186,6 +200,7 @@ def _part_neighbours(robot: mujoco.MjSpec, home: dict[str, float]) -> list[str]:
     data = mujoco.MjData(model)
     for j in range(model.njnt):
         data.qpos[model.jnt_qposadr[j]] = home.get(model.joint(j).name, _rest(model, j))
+    data.qpos[:] = couplings.coupling(model, np.arange(model.njnt)).expand(data.qpos)
     mujoco.mj_kinematics(model, data)
     said = []
     for a, b, depth in collisions.overlaps(model, data):

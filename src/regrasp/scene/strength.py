@@ -6,16 +6,21 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.scene.couplings import Coupling
+
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
 
-def normal_force(model: mujoco.MjModel, qpos: Array, joints: Ids, tip: int, friction: float) -> float | None:
+def normal_force(
+    model: mujoco.MjModel, qpos: Array, joints: Ids, coupled: Coupling, tip: int, friction: float
+) -> float | None:
     """The normal force, N, that the tip (geom id) bears in every direction, friction included; None without limits.
 
     A contact force f asks τ_i = J_i·f of joint i, and |J_i·f| ≤ |J_i| |f|. With what the weight of the robot leaves of its
     limit, joint i allows |f| ≤ (τ_i,max − |τ_i,weight|) / |J_i|, and within the friction cone |f| ≤ √(1 + μ²) f_n: the least
-    over the joints, at `qpos`, so less than the agent can bear in most directions.
+    over the joints, at `qpos`, so less than the agent can bear in most directions. A joint that follows another leaves what it
+    is asked for to that one.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
@@ -24,8 +29,9 @@ def normal_force(model: mujoco.MjModel, qpos: Array, joints: Ids, tip: int, fric
     mujoco.mj_jac(model, data, J, None, data.geom_xpos[tip], model.geom_bodyid[tip])
     dofs = model.jnt_dofadr[joints]
     limit = np.array([_limit(model, int(joint)) for joint in joints])
-    weight = np.abs(data.qfrc_bias[dofs] - data.qfrc_gravcomp[dofs] * (model.jnt_actgravcomp[joints] == 0))
-    lever = np.linalg.norm(J[:, dofs], axis=0)
+    weight = data.qfrc_bias[dofs] - data.qfrc_gravcomp[dofs] * (model.jnt_actgravcomp[joints] == 0)
+    weight = np.abs(coupled.reduce(weight))
+    lever = np.linalg.norm(coupled.reduce(J[:, dofs]), axis=0)
     bounded = np.isfinite(limit) & (lever > 1e-9)
     if not bounded.any():
         return None

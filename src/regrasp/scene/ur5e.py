@@ -59,10 +59,20 @@ HOME = np.radians([0.0, -125.0, 140.0, -15.0, 90.0, 0.0])
 
 
 def attach(base: mujoco.MjsBody, name: str, tool_length: float, tip_radius: float) -> None:
-    """Adds the arm to the static body `base`, its first axis along the base's z, stretching along its x when θ_1 = 0.
+    """Adds the arm to the static body `base`, as `links` says, with a tool.
 
-    Bodies and geoms are named `name`/link1…, joints `name`/joint1…, the fingertip's geom `name`/tip. tool_length: from the
-    flange to the tip's centre, m.
+    The fingertip's geom is `name`/tip. tool_length: from the flange to the tip's centre, m.
+    """
+    body = links(base, name)
+    point = np.array([0.0, 0.0, D[5] + tool_length])
+    capsule(body, f"{name}/tool", np.zeros(3), point, TOOL * tip_radius)
+    tip(body, f"{name}/tip", point, tip_radius)
+
+
+def links(base: mujoco.MjsBody, name: str) -> mujoco.MjsBody:
+    """Adds the bare arm to the static body `base`, its first axis along the base's z, stretching along its x when θ_1 = 0.
+
+    Bodies and geoms are named `name`/link1…, joints `name`/joint1…. Returns the last body; its flange is at D[5] along z.
     """
     capsule(base, f"{name}/column", np.zeros(3), np.array([0.0, 0.0, D[0] - 0.06]), 0.06)
     body = base
@@ -80,9 +90,7 @@ def attach(base: mujoco.MjsBody, name: str, tool_length: float, tip_radius: floa
             geom = f"{name}/link{i + 1}" + ("" if part == 0 else f"/{part + 1}")
             capsule(body, geom, np.array(start), np.array(end), radius)
         _weigh(body, i)
-    point = np.array([0.0, 0.0, D[5] + tool_length])
-    capsule(body, f"{name}/tool", np.zeros(3), point, TOOL * tip_radius)
-    tip(body, f"{name}/tip", point, tip_radius)
+    return body
 
 
 def _weigh(body: mujoco.MjsBody, i: int) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from regrasp.errors import InputError
 from regrasp.scene import collisions, fixtures, hands, mjcf, robots, tips
+from regrasp.scene.couplings import Coupling, coupling
 from regrasp.scene.forms import OwnModel
 from regrasp.scene.grids import Grid
 from regrasp.scene.links import Links, links
@@ -22,6 +23,8 @@ from regrasp.scene.strength import normal_force
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
+COUPLED = 1e-6
+"""By so much, rad or m, a value given to a joint may miss what the joint that it follows asks for."""
 MAX_FORCE = 10.0
 """Largest normal force of a tip where neither scene nor model says one, N."""
 
@@ -30,11 +33,12 @@ MAX_FORCE = 10.0
 class Agent:
     """One finger or arm: an open chain of hinges and slides that ends in a tip.
 
+    arm: which of the world's arms carries it, −1 for none; what moves this is not among its joints, bodies and geoms.
     tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
     tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
     velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
-    where unlimited; speed: rad/s or m/s; home: joint values at rest; max_force: largest normal force, N; friction:
-    coefficient between tip and object. Arrays are (n,), n the number of joints.
+    where unlimited; speed: rad/s or m/s; home: joint values at rest; coupling: which joints follow others; max_force: largest
+    normal force, N; friction: coefficient between tip and object. Arrays are (n,), n the number of joints.
     """
 
     name: str
@@ -52,8 +56,36 @@ class Agent:
     upper: Array
     speed: Array
     home: Array
+    coupling: Coupling
     max_force: float
     friction: float
+    arm: int
+
+    @property
+    def freedom(self) -> int:
+        """How many of its joints follow no other."""
+        return int(np.count_nonzero(self.coupling.free))
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm that carries a hand: the hinges and slides that several agents share, which are its fingers.
+
+    name: of the body that the last of its joints moves; body: its id, the frame that its fingers stand in; geoms: its colliding
+    geoms, without the fingers'. All else as of an `Agent`.
+    """
+
+    name: str
+    body: int
+    joints: Ids
+    qpos: Ids
+    dofs: Ids
+    geoms: Ids
+    lower: Array
+    upper: Array
+    speed: Array
+    home: Array
+    coupling: Coupling
 
 
 @dataclass(frozen=True)
@@ -79,6 +111,7 @@ class World:
     object_size: Array
     matter: Matter
     agents: tuple[Agent, ...]
+    arms: tuple[Arm, ...]
     static_geoms: Ids
     fixture_geoms: Ids
     support_names: tuple[str, ...]
@@ -91,15 +124,30 @@ class World:
         """The signed distance to the object's surface, where no closed form gives it."""
         return grid_of(self.scene.object, self.assets)
 
+    @property
+    def limbs(self) -> tuple[Agent | Arm, ...]:
+        """All that has joints, in the order of a plan's joints: the agents, then the arms that carry them."""
+        return (*self.agents, *self.arms)
+
+    @cached_property
+    def joints(self) -> Ids:
+        """All limbs' joints, limb after limb, (nq,)."""
+        return np.concatenate([limb.joints for limb in self.limbs])
+
     @cached_property
     def joint_qpos(self) -> Ids:
-        """Addresses of all agents' joint values, agent after agent, (nq,)."""
-        return np.concatenate([agent.qpos for agent in self.agents])
+        """Addresses of all limbs' joint values, limb after limb, (nq,)."""
+        return np.concatenate([limb.qpos for limb in self.limbs])
 
     @cached_property
     def joint_dofs(self) -> Ids:
-        """Addresses of all agents' joint velocities, agent after agent, (nq,)."""
-        return np.concatenate([agent.dofs for agent in self.agents])
+        """Addresses of all limbs' joint velocities, limb after limb, (nq,)."""
+        return np.concatenate([limb.dofs for limb in self.limbs])
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Which of all limbs' joints (nq,) follow others."""
+        return coupling(self.model, self.joints)
 
     @cached_property
     def repairs(self) -> tuple[str, ...]:
@@ -120,8 +168,8 @@ class World:
         qpos = self.model.qpos0.copy()
         pose = self.scene.start.pose
         qpos[self.object_qpos : self.object_qpos + 7] = [*pose.p, *pose.wxyz]
-        for agent in self.agents:
-            qpos[agent.qpos] = agent.home
+        for limb in self.limbs:
+            qpos[limb.qpos] = limb.home
         return qpos
 
 
@@ -184,7 +232,11 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     """The world of a model given as text. It is always compiled from the text, so a stored world is the same one."""
     model = mujoco.MjModel.from_xml_string(xml, dict(assets))
     frictions = _frictions(scene)
-    agents = tuple(_agent(scene, model, i, finger, frictions[i]) for i, finger in enumerate(hands.fingers(scene)))
+    fingers = hands.fingers(scene)
+    shared = _shared(scene, model, fingers)
+    arms = tuple(_arm(model, list(joints)) for joints in shared)
+    carriers = [next((c for c, fs in enumerate(shared.values()) if i in fs), -1) for i in range(len(fingers))]
+    agents = tuple(_agent(scene, model, i, finger, frictions[i], carriers[i], arms) for i, finger in enumerate(fingers))
     colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     static = (model.body_weldid[model.geom_bodyid] == 0) & colliding
     object_body = model.body("object").id
@@ -207,6 +259,7 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
         object_size=matter.size,
         matter=matter,
         agents=agents,
+        arms=arms,
         static_geoms=np.flatnonzero(static),
         fixture_geoms=np.array(
             [model.geom(part).id for body in scene.environment for part in fixtures.parts(body.name, names)], np.int64
@@ -218,7 +271,59 @@ def _world(scene: Scene, xml: str, assets: Mapping[str, bytes]) -> World:
     )
 
 
-def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float) -> Agent:
+def _shared(scene: Scene, model: mujoco.MjModel, fingers: tuple[hands.Finger, ...]) -> dict[tuple[int, ...], list[int]]:
+    """Joints that several agents share → these agents. Raises InputError where some of them share more than the others."""
+    exists = [model.geom(g).name for g in range(model.ngeom)].__contains__
+    chains = [_joints(model, int(model.geom(tips.names(finger.tip, exists)[0]).bodyid[0])) for finger in fingers]
+    users = {j: [i for i, chain in enumerate(chains) if j in chain] for chain in chains for j in chain}
+    arms: dict[tuple[int, ...], list[int]] = {}
+    for i, chain in enumerate(chains):
+        common = tuple(j for j in chain if len(users[j]) > 1)
+        if any(users[j] != users[common[0]] for j in common):
+            who = model.joint(next(j for j in common if users[j] != users[common[0]])).name
+            raise InputError(
+                f"agents.{i}.tip", f"joint {who!r} moves some of an arm's fingers only, but more than one of them",
+                "a hand whose fingers share the joints of its arm and no others",
+            )  # fmt: skip
+        if common:
+            arms[common] = users[common[0]]
+    return arms
+
+
+def _joints(model: mujoco.MjModel, body: int) -> list[int]:
+    """The joints between the world and a body, the world's first."""
+    chain = [body]
+    while model.body_parentid[chain[-1]]:
+        chain.append(int(model.body_parentid[chain[-1]]))
+    return [int(model.body_jntadr[b]) + k for b in reversed(chain) for k in range(model.body_jntnum[b])]
+
+
+def _arm(model: mujoco.MjModel, shared: list[int]) -> Arm:
+    joints = np.array(shared, dtype=np.int64)
+    limited = model.jnt_limited[joints] != 0
+    moved = np.unique(model.body_weldid[model.jnt_bodyid[joints]])
+    colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
+    upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
+    body, coupled = int(model.jnt_bodyid[joints[-1]]), coupling(model, joints)
+    return Arm(
+        name=model.body(body).name,
+        body=body,
+        joints=joints,
+        qpos=model.jnt_qposadr[joints].astype(np.int64),
+        dofs=model.jnt_dofadr[joints].astype(np.int64),
+        geoms=np.flatnonzero(np.isin(model.body_weldid[model.geom_bodyid], moved) & colliding),
+        lower=lower,
+        upper=upper,
+        speed=robots.speeds(model, joints),
+        home=coupled.expand(np.clip(robots.postures(model, joints), *coupled.narrowed(lower, upper))),
+        coupling=coupled,
+    )
+
+
+def _agent(
+    scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger, friction: float, arm: int, arms: tuple[Arm, ...]
+) -> Agent:  # fmt: skip
     spec = next((agent for agent in scene.agents if agent.name == scene.agent_names[index]), None)
     field = f"agents.{index}" if scene.agents else "model"
     names = tips.names(finger.tip, [model.geom(g).name for g in range(model.ngeom)].__contains__)
@@ -227,36 +332,48 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
     if not (model.geom_contype[tip] or model.geom_conaffinity[tip]):
         raise InputError(f"{field}.tip", "the geom does not collide", "its contype and conaffinity must not both be 0")
     kind, size = tips.surface(model, pieces, f"{field}.tip")
-    chain = [int(model.geom_bodyid[tip])]
-    while model.body_parentid[chain[-1]]:
-        chain.append(int(model.body_parentid[chain[-1]]))
-    joints = np.array(
-        [model.body_jntadr[body] + k for body in reversed(chain) for k in range(model.body_jntnum[body])],
-        dtype=np.int64,
-    )
-    moved = np.isin(model.body_weldid, [body for body in chain if model.body_weldid[body]])
+    tip_body = int(model.geom_bodyid[tip])
+    shared = arms[arm].joints if arm >= 0 else np.zeros(0, np.int64)
+    joints = np.array([j for j in _joints(model, tip_body) if j not in shared], dtype=np.int64)
+    moved = np.isin(model.body_weldid, model.body_weldid[model.jnt_bodyid[joints]])
     limited = model.jnt_limited[joints] != 0
     lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
     upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
-    home = finger.home if finger.home is not None else np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper)
+    coupled = coupling(model, joints)
+    least, most = coupled.narrowed(lower, upper)
+    for i in np.flatnonzero(least > most):
+        name = model.joint(int(joints[i])).name
+        raise InputError(
+            f"{field}.tip", f"joint {name!r} and those that follow it have no value in common", "their ranges"
+        )
+    home = coupled.expand(np.clip(model.qpos0[model.jnt_qposadr[joints]], least, most))
+    if finger.home is not None:
+        home = np.array(finger.home, dtype=float)
     if len(home) != len(joints):
         raise InputError(
             f"{field}.home", f"{len(home)} values for {len(joints)} joints", "one value per joint, base to tip"
         )
+    for i in np.flatnonzero(np.abs(coupled.expand(home) - home) > COUPLED):
+        who, other = (model.joint(int(j)).name for j in joints[[i, coupled.master[i]]])
+        reason = f"value {i + 1} is {home[i]:g}, but {who!r} follows {other!r}"
+        raise InputError(f"{field}.home", reason, f"{coupled.expand(home)[i]:.7g}")
+    home = coupled.expand(home)
     for i in np.flatnonzero((home < lower) | (home > upper)):
         reason = f"value {i + 1} is {home[i]:g}, outside the joint's range"
         raise InputError(f"{field}.home", reason, f"legal: {lower[i]:.4g} to {upper[i]:.4g}")
     qpos = model.qpos0.copy()
     qpos[model.jnt_qposadr[joints]] = home
+    if arm >= 0:
+        qpos[arms[arm].qpos] = arms[arm].home
     own = isinstance(scene.model, OwnModel)
-    strength = normal_force(model, qpos, joints, tip, friction) if own else None
+    strength = normal_force(model, qpos, joints, coupled, tip, friction) if own else None
     return Agent(
         name=scene.agent_names[index],
         tip_geom=tip,
         tip_geoms=pieces,
         tip_kind=kind,
         tip_size=size,
-        tip_body=chain[0],
+        tip_body=tip_body,
         joints=joints,
         qpos=model.jnt_qposadr[joints].astype(np.int64),
         dofs=model.jnt_dofadr[joints].astype(np.int64),
@@ -267,7 +384,9 @@ def _agent(scene: Scene, model: mujoco.MjModel, index: int, finger: hands.Finger
         speed=robots.speeds(model, joints)
         if finger.speed is None
         else np.broadcast_to(finger.speed, len(joints)).copy(),
-        home=np.array(home, dtype=float),
+        home=home,
+        coupling=coupled,
         max_force=(spec.max_force if spec else None) or scene.max_force or strength or MAX_FORCE,
         friction=friction,
+        arm=arm,
     )

@@ -28,6 +28,8 @@ PASSED = (1e-4, 1e-3)
 """Distance at which the object passes the route's subgoals, m and rad."""
 LIMIT = 1e-4
 """How far a joint may pass its range between samples, rad or m."""
+COUPLED = 1e-6
+"""By so much a joint that follows another may be off what that asks for, rad or m."""
 SPEED = 1.01
 """Joint speed over its limit; the motion's exact derivative may exceed a difference quotient a little."""
 
@@ -68,7 +70,7 @@ def number_findings(plan: Plan) -> list[Finding]:
 def name_findings(plan: Plan, world: World) -> list[Finding]:
     """The agents, joints and supports are the world's."""
     agents = tuple(agent.name for agent in world.agents)
-    joints = tuple(world.model.joint(int(i)).name for agent in world.agents for i in agent.joints)
+    joints = tuple(world.model.joint(int(i)).name for limb in world.limbs for i in limb.joints)
     unknown = [name for name in plan.support_names if name not in world.support_names]
     differ = int(plan.agent_names != agents) + int(plan.joint_names != joints) + len(unknown)
     return [Finding("names", "agents, joints or supports that are not the model's", differ, 0.0, "")]
@@ -116,7 +118,7 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
         np.linalg.norm(plan.object_position[1:, 0] - plan.object_position[:-1, -1], axis=1),
         turns,
     ]
-    lower, upper, speed = (np.concatenate([getattr(agent, key) for agent in world.agents])
+    lower, upper, speed = (np.concatenate([getattr(limb, key) for limb in world.limbs])
                            for key in ("lower", "upper", "speed"))  # fmt: skip
     beyond = np.maximum(0.0, np.maximum(lower - motion.joints, motion.joints - upper))
     stride = np.linalg.norm(np.diff(motion.geom_xpos, axis=1), axis=-1).max(axis=-1)
@@ -127,7 +129,27 @@ def motion_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
         worst("joint range", "joint beyond its range", beyond, LIMIT, "rad or m", "jsx", motion.time, who),
         worst("joint speed", "joint speed", np.abs(motion.joint_speed), SPEED * speed, "rad/s or m/s",
               "jsx", motion.time, who),
+        *_coupling_findings(plan, world, motion),
         worst("resolution", "way of a body between two judged instants", stride, 2 * STRIDE, "m", "js", motion.time),
+    ]  # fmt: skip
+
+
+def _coupling_findings(plan: Plan, world: World, motion: Motion) -> list[Finding]:
+    """Joints that the model ties to others by equality constraints: y − y_0 = Σ_i a_i (x − x_0)^i."""
+    model = world.model
+    column = {int(address): i for i, address in enumerate(world.joint_qpos)}
+    ties = []
+    for e in np.flatnonzero((model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & (model.eq_active0 != 0)):
+        ends = [int(model.jnt_qposadr[j]) for j in (model.eq_obj1id[e], model.eq_obj2id[e])]
+        if ends[0] in column:
+            moved = motion.joints[..., column[ends[1]]] - model.qpos0[ends[1]] if model.eq_obj2id[e] >= 0 else 0.0
+            asked = model.qpos0[ends[0]] + np.polynomial.polynomial.polyval(moved, model.eq_data[e, :5])
+            ties.append((plan.joint_names[column[ends[0]]], np.abs(motion.joints[..., column[ends[0]]] - asked)))
+    if not ties:
+        return []
+    return [
+        worst("coupled joints", "joint off what the one that it follows asks for",
+              np.stack([off for _, off in ties], axis=-1), COUPLED, "rad or m", "jsx", motion.time, [who for who, _ in ties]),
     ]  # fmt: skip
 
 

@@ -54,11 +54,12 @@ def nominal(world: World) -> Reality:
 
 @dataclass(frozen=True)
 class Drives:
-    """Affine actuators, one per agent joint: joint force = gain·ctrl + offset + stiff·q + damp·q̇, each (nq,), as far as
-    the limits of actuator and joint allow. gains: K and D that the controller may count on; a servo's own where the
-    model has one.
+    """Affine actuators, one per agent joint that follows no other: joint force = gain·ctrl + offset + stiff·q + damp·q̇,
+    each (nd,), as far as the limits of actuator and joint allow. driven (nd,): which of the joints (nq,) these are. gains: K
+    and D (nq,) that the controller may count on; a servo's own where the model has one.
     """
 
+    driven: NDArray[np.int64]
     actuator: NDArray[np.int64]
     gain: Array
     offset: Array
@@ -71,33 +72,32 @@ class Drives:
         return self.gains.K * (command.q - q) + self.gains.D * (command.qd - qd) + command.feedforward
 
     def control(self, torque: Array, q: Array, qd: Array) -> Array:
-        """ctrl (nq,) that makes the joints obey."""
+        """ctrl (nd,) that makes the joints obey; torque, q, qd (nq,)."""
+        torque, q, qd = torque[self.driven], q[self.driven], qd[self.driven]
         return np.asarray((torque - self.offset - self.stiff * q - self.damp * qd) / self.gain)
 
 
 def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
-    """Gives every agent joint that has no actuator an impedance drive; the joint's force limit holds for it too."""
+    """Gives every limb's joint that has no actuator and follows no other an impedance drive; its force limit holds too."""
     model = world.model
     driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
-    at = 0
-    for agent in world.agents:
-        for joint in agent.joints:
-            if int(joint) not in driven:
-                actuator = spec.add_actuator(
-                    name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
-                    trntype=mujoco.mjtTrn.mjTRN_JOINT, gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-                    biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-                )  # fmt: skip
-                actuator.gainprm[0] = wanted.K[at]
-                actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
-            at += 1
+    for at, joint in enumerate(world.joints):
+        if int(joint) not in driven and world.coupling.free[at]:
+            actuator = spec.add_actuator(
+                name=f"drive of {model.joint(int(joint)).name}", target=model.joint(int(joint)).name,
+                trntype=mujoco.mjtTrn.mjTRN_JOINT, gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            )  # fmt: skip
+            actuator.gainprm[0] = wanted.K[at]
+            actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
 
 
 def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
-    """The drives of a model in which every agent joint has its actuator."""
-    joints = np.concatenate([agent.joints for agent in world.agents])
+    """The drives of a model in which every agent joint that follows no other has its actuator."""
+    joints = world.joints
+    driven = np.flatnonzero(world.coupling.free)
     at = []
-    for joint in joints:
+    for joint in joints[driven]:
         found = np.flatnonzero(
             (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
         )
@@ -120,11 +120,11 @@ def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
     stiff, damp = gear**2 * model.actuator_biasprm[at, 1], gear**2 * model.actuator_biasprm[at, 2]
     affine = model.actuator_biastype[at] == int(mujoco.mjtBias.mjBIAS_AFFINE)
     stiff, damp = np.where(affine, stiff, 0.0), np.where(affine, damp, 0.0)
-    servo = stiff < 0.0
+    K, D, servo = wanted.K.copy(), wanted.D.copy(), stiff < 0.0
+    K[driven[servo]], D[driven[servo]] = -stiff[servo], -damp[servo]
     return Drives(
-        np.array(at), gear * model.actuator_gainprm[at, 0],
-        np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp,
-        Gains(np.where(servo, -stiff, wanted.K), np.where(servo, -damp, wanted.D)),
+        driven, np.array(at), gear * model.actuator_gainprm[at, 0],
+        np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp, Gains(K, D),
     )  # fmt: skip
 
 
@@ -142,6 +142,7 @@ class Physics:
         self.model = model = spec.compile()
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a reset would hide that numbers went bad
         model.geom_solref[:] = RIGID, 1.0
+        model.eq_solref[model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)] = RIGID, 1.0
         k = len(world.agents)
         for agent, factor in zip(world.agents, reality.friction[:k], strict=True):
             model.geom_friction[agent.tip_geoms, 0] *= factor
@@ -155,7 +156,7 @@ class Physics:
         self.world = world
         self._qpos = world.joint_qpos
         self._dofs = world.joint_dofs
-        self._borne = model.jnt_actgravcomp[np.concatenate([agent.joints for agent in world.agents])] != 0
+        self._borne = model.jnt_actgravcomp[world.joints] != 0
         self._asked = np.zeros(len(self._qpos))
         pose = world.scene.start.pose
         turned = Rotation.from_rotvec(reality.turn) * Rotation.from_quat(pose.wxyz, scalar_first=True)

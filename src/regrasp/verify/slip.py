@@ -103,7 +103,7 @@ def motion_findings(plan: Plan, world: World, motion: Motion, contacts: Contacts
     strayed = steps.slip - np.maximum(_dot(steps.slip, axis), 0.0)[..., None] * axis
     capable = (plan.V >= FIRST_ROLL) & rolls & (power.mean(axis=1) > 1e-2)
     way, whole = travel(plan, plan.p_OC_O), _total(steps.turn)
-    full = np.array([len(agent.qpos) >= 6 for agent in world.agents])
+    full = np.array([agent.freedom >= 6 for agent in world.agents])
     twist = np.stack([np.sum(_dot(steps.turn, x), axis=1), np.sum(_dot(steps.turn, y), axis=1),
                       np.sum(_dot(steps.slip, x), axis=1), np.sum(_dot(steps.slip, y), axis=1)], axis=-1)  # fmt: skip
     astray = np.abs(twist - plan.twist)
@@ -175,7 +175,7 @@ def _commanded(plan: Plan, x: Array, y: Array) -> Array:
 def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np.bool_]) -> Array:
     """(N, S−1, k, 3, 3): projector, in O, on the angular velocities an agent can choose for its tip without slip.
 
-    With q̇ in the null space of the contact point's Jacobian the tip turns by J_ω q̇. An agent of fewer than six joints
+    With q̇ in the null space of the contact point's Jacobian the tip turns by J_ω q̇. An agent of fewer than six free joints
     meets a commanded angular velocity in the least-squares sense, that is exactly within this space; with six joints
     and more the space is all of R³.
     """
@@ -185,7 +185,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
     jacobian = np.empty((6, model.nv))
     addresses = world.joint_qpos
     for a, agent in enumerate(world.agents):
-        if len(agent.qpos) >= 6:
+        if agent.freedom >= 6:
             continue
         for j in np.flatnonzero(touch[:, a]):
             for s in np.flatnonzero(np.isfinite(contacts.p_O[j, :, a]).all(axis=-1)):
@@ -195,7 +195,7 @@ def _freedom(world: World, motion: Motion, contacts: Contacts, touch: NDArray[np
                 R_WO = motion.R_WO[j, s]
                 p_W = motion.p_WO[j, s] + R_WO @ contacts.p_O[j, s, a]
                 mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], p_W, agent.tip_body)
-                J = jacobian[:, agent.dofs]
+                J = jacobian[:, agent.dofs] @ agent.coupling.matrix
                 turns = R_WO.T @ J[3:] @ _null(J[:3])
                 free[j, s, a] = turns @ np.linalg.pinv(turns, rcond=1e-6)
     return middle(free)

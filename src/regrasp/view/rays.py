@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from regrasp.kernels.native import heap, kernel
+from regrasp.kernels.rotations import cross, dot, minus
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -55,7 +57,7 @@ def shapes(model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int]) ->
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@heap
 def cast(shapes: Shapes, origin: Array, rays: Array, geom: Ids, distance: Array, normal: Array) -> None:
     """First hits of unit rays (n, 3) from `origin`, W: geom (n,) or −1, distance (n,) in m or inf, normal (n, 3)."""
     away, start = from_point(shapes, origin)
@@ -64,7 +66,7 @@ def cast(shapes: Shapes, origin: Array, rays: Array, geom: Ids, distance: Array,
         geom[ray], distance[ray] = first(shapes, away, start, rays[ray], room, normal[ray])
 
 
-@njit(cache=True, nogil=True)
+@heap
 def from_point(shapes: Shapes, origin: Array) -> tuple[Array, Array]:
     """What all rays from `origin` (W) share: every geom's centre relative to it in W, and it in every geom's frame."""
     away, start = shapes.p - origin, np.empty((len(shapes.id), 3))
@@ -73,7 +75,7 @@ def from_point(shapes: Shapes, origin: Array) -> tuple[Array, Array]:
     return away, start
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def first(shapes: Shapes, away: Array, start: Array, ray: Array, room: Array, normal: Array) -> tuple[int, float]:
     """Geom (−1: none) and distance (m, inf) of the first hit of one unit ray from a point (see `from_point`); the normal
     there, W, is written if there is one. room (2, 3): to work in."""
@@ -100,7 +102,7 @@ def first(shapes: Shapes, away: Array, start: Array, ray: Array, room: Array, no
     return geom, distance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hit(shapes: Shapes, i: int, o: Array, d: Array, n: Array) -> float:
     """Distance along a ray (o, d) in the frame of geom i to its surface, inf for a miss; n: a normal of any length."""
     kind, size = shapes.kind[i], shapes.size[i]
@@ -119,7 +121,7 @@ def _hit(shapes: Shapes, i: int, o: Array, d: Array, n: Array) -> float:
     return np.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _plane(size: Array, o: Array, d: Array, n: Array) -> float:
     """The plane z = 0, seen from above; a half extent of 0 is without end."""
     if d[2] >= 0.0:
@@ -133,7 +135,7 @@ def _plane(size: Array, o: Array, d: Array, n: Array) -> float:
     return t
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ellipsoid(a: float, b: float, c: float, z: float, o: Array, d: Array, n: Array) -> float:
     """The ellipsoid with semi-axes a, b, c around (0, 0, z)."""
     px, py, pz = o[0] / a, o[1] / b, (o[2] - z) / c
@@ -147,7 +149,7 @@ def _ellipsoid(a: float, b: float, c: float, z: float, o: Array, d: Array, n: Ar
     return t
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _round(size: Array, capped: bool, o: Array, d: Array, n: Array) -> float:
     """Cylinder about z, radius size[0], half height size[1]; ends closed by half spheres (capped) or discs."""
     r, h = size[0], size[1]
@@ -174,7 +176,7 @@ def _round(size: Array, capped: bool, o: Array, d: Array, n: Array) -> float:
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _box(size: Array, o: Array, d: Array, n: Array) -> float:
     """The box with half extents `size`."""
     enter, leave, axis = -np.inf, np.inf, 0
@@ -196,22 +198,23 @@ def _box(size: Array, o: Array, d: Array, n: Array) -> float:
     return enter
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mesh(triangles: Array, o: Array, d: Array, n: Array) -> float:
     """Möller and Trumbore 1997 on every triangle, either side."""
     best = np.inf
-    for corners in triangles:
-        e, f = corners[1] - corners[0], corners[2] - corners[0]
-        p = np.cross(d, f)
-        det = e @ p
+    for i in range(len(triangles)):
+        corners = triangles[i]
+        e, f = minus(corners[1], corners[0]), minus(corners[2], corners[0])
+        p = cross(d, f)
+        det = dot(e, p)
         if abs(det) < 1e-18:
             continue
-        s = o - corners[0]
-        u = (s @ p) / det
-        q = np.cross(s, e)
-        v = (d @ q) / det
-        t = (f @ q) / det
+        s = minus(o, corners[0])
+        u = dot(s, p) / det
+        q = cross(s, e)
+        v = dot(d, q) / det
+        t = dot(f, q) / det
         if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and 0.0 < t < best:
             best = t
-            n[:] = np.cross(e, f)
+            n[0], n[1], n[2] = cross(e, f)
     return best

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from regrasp.kernels.native import heap, kernel
 from regrasp.view.camera import Camera
 from regrasp.view.rays import Shapes, cast, first, from_point, shapes
 
@@ -124,7 +124,7 @@ def _light(camera: Camera) -> Array:
     return towards / np.linalg.norm(towards)
 
 
-@njit(cache=True, nogil=True)
+@heap
 def _paint(
     shapes: Shapes, look: Look, eye: Array, rays: Array, light: Array, shadows: bool, centre: Array, radius: float,
     half_width: float, background: Array, colour: Array,
@@ -168,7 +168,7 @@ def _paint(
             colour[i, c] = min(max(fade * own + (1.0 - fade) * background[c], 0.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _line(R: Array, origin: Array, p: Array, n: Array, half_width: float) -> float:
     """How much of a hit lies on a coordinate line of a frame: where x, y or z = 0 cuts a surface with normal n, W.
 
@@ -185,6 +185,6 @@ def _line(R: Array, origin: Array, p: Array, n: Array, half_width: float) -> flo
     return on
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _apart(p: Array, q: Array) -> float:
     return math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)

@@ -43,6 +43,8 @@ def set_up(plan: Plan, world: World, states: Sequence[State], largest: float, wi
     marked = np.zeros(model.ngeom, bool)
     model.geom_group[:] = HIDDEN
     model.geom_group[world.static_geoms] = DRAWN
+    for arm in world.arms:
+        model.geom_group[arm.geoms] = DRAWN
     for agent, own in zip(world.agents, colours(plan), strict=True):
         model.geom_group[agent.geoms] = DRAWN
         # Links are paler than tips: the tips are what the motion is about.
