@@ -36,7 +36,7 @@ def sketch(world: World, motions: Sequence["Motion"], route: Sequence["Pose"]) -
 def rest(world: World) -> Plan:
     """The agents at home beside the object at its start."""
     k, start = len(world.agents), world.scene.start.pose
-    joints = np.concatenate([agent.home for agent in world.agents])
+    joints = np.concatenate([limb.home for limb in world.limbs])
     pose = np.array(start.R), np.array(start.p)
     return _plan(
         world, np.tile(pose[0], (1, 2, 1, 1)), np.tile(pose[1], (1, 2, 1)), np.tile(joints, (1, 2, 1)),
@@ -70,7 +70,7 @@ def _plan(
         energy_segment=np.zeros(0, np.int64),
         support_names=(),
         agent_names=tuple(agent.name for agent in world.agents),
-        joint_names=tuple(world.model.joint(int(j)).name for agent in world.agents for j in agent.joints),
+        joint_names=tuple(world.model.joint(int(j)).name for j in world.joints),
         scene=world.scene.model_dump(mode="json"),
         xml=world.xml,
         assets=world.assets,
