@@ -182,12 +182,11 @@ class Painter {
   mesh({ points, normals, faces }) {
     const gl = this.gl, array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    this.attribute(0, points, 3);
-    this.attribute(1, normals, 3);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    const buffers = [this.attribute(0, points, 3), this.attribute(1, normals, 3), gl.createBuffer()];
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[2]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces), gl.STATIC_DRAW);
     gl.bindVertexArray(null);
-    return { array, count: faces.length };
+    return { array, count: faces.length, buffers };
   }
 
   /** Buffers of polylines, each a list of points [x, y, z, time]. */
@@ -208,9 +207,10 @@ class Painter {
     return { array, count: when.length, buffers };
   }
 
-  forget(strokes) {
-    strokes.buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
-    this.gl.deleteVertexArray(strokes.array);
+  /** Free what `mesh` or `strokes` made. */
+  forget({ array, buffers }) {
+    buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
+    this.gl.deleteVertexArray(array);
   }
 
   attribute(place, values, size) {

@@ -12,10 +12,12 @@ class Stage {
     this.common.floor = painter.mesh(square);
     this.kept = new Map();
     this.passing = [];
+    this.own = [];
   }
 
   /** Take a story: meshes of its shapes, ways of its contacts. */
   show(story) {
+    this.own.forEach((each) => this.painter.forget(each));
     this.story = story;
     this.meshes = [];
     for (let i = 0; i < story.meshes; i++) {
@@ -32,6 +34,7 @@ class Stage {
     this.solids = this.shapes.filter((shape) => shape.kind !== "plane");
     this.ways = story.agents.map((agent, i) => this.painter.strokes(this.contactWays(i)));
     this.way = this.painter.strokes([this.objectWay()]);
+    this.own = [...this.meshes, ...this.ways, this.way];
     this.low = this.lowest();
   }
 
