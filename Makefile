@@ -13,7 +13,7 @@ SEED   ?= 1
 .PHONY: help venv compile demo browser test check bench benchmarks trust docs gallery format clean
 
 help:
-	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz and .png"
+	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz, .png, .html"
 	@echo "make test    the tests"
 	@echo "make browser installs a browser for the tests that need one, where that is easy (apt-get, as root)"
 	@echo "make check   format, lint, types, import rules"
@@ -61,10 +61,10 @@ demo: $(COMPILED)
 	@$(BIN)/regrasp render $(OUT)/$(SCENE).npz -o $(OUT)/$(SCENE).png
 	@echo "== executing the plan in physics, as planned and in perturbed worlds"
 	@$(BIN)/regrasp replay $(OUT)/$(SCENE).npz --trials 20 -o $(OUT)/$(SCENE)-replay.png
-	@echo "== putting it on a page"
-	@$(BIN)/regrasp view $(OUT)/$(SCENE).npz --html $(OUT)/$(SCENE).html
+	@echo "== the plan as a page, with its execution"
+	@$(BIN)/regrasp view $(OUT)/$(SCENE).npz --replay --html $(OUT)/$(SCENE).html
 	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png, its execution $(OUT)/$(SCENE)-replay.png"
-	@echo "== to see it move, open $(OUT)/$(SCENE).html in a browser, or run $(BIN)/regrasp view $(OUT)/$(SCENE).npz"
+	@echo "== see it move: open $(OUT)/$(SCENE).html in a browser, or run $(BIN)/regrasp view $(OUT)/$(SCENE).npz"
 
 # Without one the tests of the page are skipped, and say so.
 browser:

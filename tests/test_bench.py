@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from regrasp.bench import goals, replays
+from regrasp.bench import goals, replays, views
 from regrasp.bench import scenes as benched
 from regrasp.bench import searches as bench
 from regrasp.planner.outcome import Failure, Outcome
 from regrasp.verify.diagnosis import Failure as Fall
 from regrasp.verify.execution import Execution
 from regrasp.verify.replay import Nominal, Replay, Trial, Trials
+from regrasp.view.page import page
+from regrasp.view.story import pack, tell
 
 
 def run(after: float, code: int = 0) -> bench.Run:
@@ -153,3 +155,13 @@ def test_goals_are_drawn_from_the_whole_range_and_the_same_every_time():
         scene = goals.scene_of(name, *drawn[0], Path("."))
         np.testing.assert_allclose(scene.goal.pose.p, np.array(goals.START) + drawn[0][0])
         assert scene.goal.tolerance.rotation == pytest.approx(np.radians(1.0))
+
+
+def test_a_page_is_measured_as_it_is_served(home_plan):
+    """By the command itself, in a process of its own."""
+    plan = home_plan("fig2-planar")
+    row = views.row(plan, 1)
+    assert row["frames"] == plan.time.size
+    assert row["bytes"] == len(page(pack(tell(plan))).encode())
+    assert 0.0 < row["seconds"] == row["worst"]
+    assert row["rate"] > 0.0

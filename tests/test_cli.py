@@ -323,6 +323,24 @@ def test_view_opens_the_browser_unless_told_not_to(monkeypatch, home_plan, tmp_p
     assert opened[0].startswith("http://127.0.0.1:")
 
 
+def test_view_live_ends_with_the_plan_that_was_found(capsys, monkeypatch):
+    found = []
+
+    def look() -> None:
+        url = re.search(r"http\S+", capsys.readouterr().err)
+        assert url is not None
+        with urllib.request.urlopen(url[0] + "story", timeout=10) as story:
+            content = zlib.decompress(story.read())
+        found.append(json.loads(content[4 : 4 + int.from_bytes(content[:4], "little")]))
+
+    monkeypatch.setattr("regrasp.commands.viewing._wait", look)
+    assert main(["view", "--live", "fig2-planar", "--port", "0", "--no-browser", "--json"]) == 0
+    (header,) = found
+    assert (header["name"], header["draft"]) == ("fig2-planar", False)
+    assert header["arrays"]["V"]["shape"][1] == len(header["agents"])
+    assert json.loads(capsys.readouterr().out)["scene"] == "fig2-planar"
+
+
 def test_grasps_are_shown_as_lines_of_a_scene_file(capsys, tmp_path):
     assert main(["grasp", "fig2-planar", "--count", "2", "-o", str(tmp_path / "grasps.png")]) == 0
     text = capsys.readouterr().out

@@ -41,6 +41,7 @@ def file(browser, plan, tmp_path_factory) -> Browser:
     path.write_text(page(pack(judged(tell(plan), Certificate((FINE, WRONG))))), "utf-8")
     browser.requests.clear()
     browser.open(path.as_uri())
+    browser.run("regrasp.patience = Infinity")  # rough pictures do
     return browser
 
 
@@ -192,6 +193,7 @@ def test_a_served_page_hears_the_news(browser, plan):
     browser.requests.clear()
     with Server(pack(tell(plan)), port=0) as server:
         browser.open(server.url)
+        browser.run("regrasp.patience = Infinity")
         assert "being checked" in browser.run("document.querySelector('#verdict').textContent")
         server.news("certificate", {"certificate": Certificate((FINE,)).to_dict()})
         browser.until("document.querySelector('#verdict').textContent.includes('certified: 1')")

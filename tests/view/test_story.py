@@ -18,6 +18,7 @@ from regrasp.verify.findings import Certificate, Finding
 from regrasp.view.bodies import bodies, poses
 from regrasp.view.frames import Instant, put
 from regrasp.view.margins import friction_margin, joint_margin
+from regrasp.view.sketch import rest
 from regrasp.view.story import executed, judged, pack, tell
 
 
@@ -82,6 +83,16 @@ def test_a_body_made_to_be_seen_is_drawn_and_what_stands_for_it_is_a_shell():
         assert shape.mesh < len(drawn.meshes)
     for mesh in drawn.meshes:
         assert mesh.faces.max() < len(mesh.vertices)
+
+
+def test_every_joint_of_a_plan_is_some_limb_s():
+    """Four fingers on an arm: the arm's joints come after theirs."""
+    plan = rest(build(load("arm-hand-carry")))
+    header = tell(plan).header
+    limbs = [*header["agents"], *header["arms"]]
+    assert [limb["first"] for limb in limbs] == np.cumsum([0, *(len(limb["slides"]) for limb in limbs[:-1])]).tolist()
+    assert sum(len(limb["slides"]) for limb in limbs) == len(plan.joint_names)
+    assert [agent["arm"] for agent in header["agents"]] == [0, 0, 0, 0]
 
 
 def test_margins_are_nought_on_the_cone_and_at_a_limit(home_plan):

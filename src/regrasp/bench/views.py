@@ -42,7 +42,7 @@ def view(seeds: int) -> dict[str, Any]:
         rows.append({"scene": name, **row(plan, seeds)})
         say(f"{name}: {rows[-1]['bytes'] / 1e6:.2f} MB, {rows[-1]['seconds']:.2f} s")
     table = Table(title="pages of plans", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for heading in ("scene", "frames", "MB", "MB of 240 frames", "served after s", "worst", "frames/s"):
+    for heading in ("scene", "frames", "MB", "MB of 240", "served, s", "worst, s", "frames/s"):
         table.add_column(heading, justify="left" if heading == "scene" else "right", no_wrap=True)
     for each in rows:
         table.add_row(

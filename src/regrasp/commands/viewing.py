@@ -87,12 +87,8 @@ def _plan(name: str, html: Path | None, replay: bool, host: str, port: int | Non
 def _search(name: str, seed: int, host: str, port: int | None, quiet: bool) -> Answer:
     """The page of a search, and of the plan that it finds."""
     with importing():
-        from regrasp.planner.method import plan_scene
-        from regrasp.planner.task import Settings
         from regrasp.scene.load import load
         from regrasp.scene.world import build
-        from regrasp.settings import read
-        from regrasp.verify.check import check
         from regrasp.view.search import Search, drafted
         from regrasp.view.server import Server
         from regrasp.view.sketch import rest
@@ -102,6 +98,11 @@ def _search(name: str, seed: int, host: str, port: int | None, quiet: bool) -> A
     world = build(scene)
     with Server(pack(drafted(rest(world))), host, port) as server:
         _open(server, host, quiet)
+        with importing():
+            from regrasp.planner.method import plan_scene
+            from regrasp.planner.task import Settings
+            from regrasp.settings import read
+            from regrasp.verify.check import check
         report = Search(world, server.news, lambda story: server.story(pack(story)))
         outcome = plan_scene(scene, seed, read(Settings, scene.planner), report)
         report.end("" if outcome.failure is None else str(outcome.failure))

@@ -4,13 +4,15 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from regrasp.plan import Plan
-from regrasp.planner.outcome import Progress
 from regrasp.scene.world import World
 from regrasp.view.sketch import sketch
 from regrasp.view.story import Story, tell
+
+if TYPE_CHECKING:
+    from regrasp.planner.outcome import Progress
 
 PAUSE = 0.5
 """s between two stories: each stops the search for a while."""
@@ -31,7 +33,7 @@ class Search:
         self._curve: list[tuple[float, float]] = []
         self._stage, self._next, self._speak = "", 0.0, 0.0
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: "Progress") -> None:
         now = time.monotonic()
         if not math.isnan(progress.energy):
             self._curve.append((progress.energy, progress.best))

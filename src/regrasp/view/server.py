@@ -122,7 +122,6 @@ def _handler(server: Server) -> type[BaseHTTPRequestHandler]:
 def _listening(host: str, port: int | None, handler: type[BaseHTTPRequestHandler]) -> ThreadingHTTPServer:
     class Listening(ThreadingHTTPServer):
         address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        allow_reuse_address = False  # another server's port is not to be shared
 
     for each in (PORT, 0) if port is None else (port,):
         try:

@@ -1,21 +1,24 @@
 """A plan as far as the search has come: the best motions found yet, without times and forces, to be looked at only."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.plan import OFF, Plan
-from regrasp.planner.assemble import pose_row, quaternions
-from regrasp.planner.motion import Motion
-from regrasp.planner.path import Pose
 from regrasp.scene.world import World
+
+if TYPE_CHECKING:
+    from regrasp.planner.motion import Motion
+    from regrasp.planner.path import Pose
 
 PACE = 0.2
 """s that an interval is shown for."""
 
 
-def sketch(world: World, motions: Sequence[Motion], route: Sequence[Pose]) -> Plan:
+def sketch(world: World, motions: Sequence["Motion"], route: Sequence["Pose"]) -> Plan:
     """The motions one after another, on their way along a route."""
     return _plan(
         world,
@@ -33,7 +36,7 @@ def sketch(world: World, motions: Sequence[Motion], route: Sequence[Pose]) -> Pl
 def rest(world: World) -> Plan:
     """The agents at home beside the object at its start."""
     k, start = len(world.agents), world.scene.start.pose
-    joints = np.concatenate([agent.home for agent in world.agents])
+    joints = np.concatenate([limb.home for limb in world.limbs])
     pose = np.array(start.R), np.array(start.p)
     return _plan(
         world, np.tile(pose[0], (1, 2, 1, 1)), np.tile(pose[1], (1, 2, 1)), np.tile(joints, (1, 2, 1)),
@@ -43,13 +46,13 @@ def rest(world: World) -> Plan:
 
 def _plan(
     world: World, R: NDArray[np.float64], p: NDArray[np.float64], joints: NDArray[np.float64], V: NDArray[np.int8],
-    twist: NDArray[np.float64], contact: NDArray[np.float64], segment: NDArray[np.int64], route: Sequence[Pose],
+    twist: NDArray[np.float64], contact: NDArray[np.float64], segment: NDArray[np.int64], route: Sequence["Pose"],
 ) -> Plan:  # fmt: skip
     N, M, k = *p.shape[:2], V.shape[1]
     return Plan(
         time=PACE * (np.arange(N)[:, None] + np.linspace(0.0, 1.0, M)),
         object_position=p,
-        object_quaternion=quaternions(R),
+        object_quaternion=_quaternions(R),
         joints=joints,
         V=V,
         twist=twist,
@@ -62,12 +65,12 @@ def _plan(
         support_n_W=np.zeros((N, M, 0, 3)),
         support_force_W=np.zeros((N, M, 0, 3)),
         segment=segment,
-        route=np.array([pose_row(pose) for pose in route]),
+        route=np.concatenate([[p for _, p in route], _quaternions(np.array([R for R, _ in route]))], axis=1),
         energy=np.zeros(0),
         energy_segment=np.zeros(0, np.int64),
         support_names=(),
         agent_names=tuple(agent.name for agent in world.agents),
-        joint_names=tuple(world.model.joint(int(j)).name for agent in world.agents for j in agent.joints),
+        joint_names=tuple(world.model.joint(int(j)).name for j in world.joints),
         scene=world.scene.model_dump(mode="json"),
         xml=world.xml,
         assets=world.assets,
@@ -76,3 +79,11 @@ def _plan(
         versions={},
         feasible=False,
     )
+
+
+def _quaternions(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quaternions w x y z (…, 4) of rotations (…, 3, 3)."""
+    found = np.empty((R.size // 9, 4))
+    for quaternion, own in zip(found, np.ascontiguousarray(R, float).reshape(-1, 9), strict=True):
+        mujoco.mju_mat2Quat(quaternion, own)
+    return found.reshape(*R.shape[:-2], 4)

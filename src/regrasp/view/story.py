@@ -4,13 +4,13 @@ One value feeds the live page and the file alike. Packed, it is a JSON header an
 """
 
 import json
-import math
 import struct
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -125,26 +125,26 @@ def _header(plan: Plan, world: World, stage: Bodies, qpos: Array) -> dict[str, A
     largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
     rows = [instant.interval * plan.time.shape[1] + instant.sample for instant in choose(plan, 6)]
     seen = outlook(world, [qpos[row] for row in rows])
-    radius, first, agents = object_radius(world), 0, []
-    for i, agent in enumerate(world.agents):
-        names = plan.joint_names[first : first + len(agent.qpos)]
-        limits = [[_finite(x) for x in row] for row in (agent.lower, agent.upper)]
-        slides = [bool(world.model.jnt_type[j] == 2) for j in agent.joints]
-        agents.append({"name": agent.name, "colour": AGENTS[i % len(AGENTS)], "mu": agent.friction, "most": agent.max_force,
-                       "first": first, "joints": names, "lower": limits[0], "upper": limits[1], "slides": slides})  # fmt: skip
-        first += len(names)
+    radius, first, limbs = object_radius(world), 0, []
+    for limb in world.limbs:
+        slides = [bool(world.model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE) for j in limb.joints]
+        limbs.append({"name": limb.name, "first": first, "slides": slides})
+        first += len(slides)
+    agents = [
+        {**limb, "colour": AGENTS[i % len(AGENTS)], "mu": agent.friction, "arm": agent.arm}
+        for i, (limb, agent) in enumerate(zip(limbs, world.agents, strict=False))
+    ]
     mu = dict(zip(world.support_names, world.support_friction.tolist(), strict=True))
     goal = world.scene.goal.pose
     return {
         "name": str(plan.scene.get("name", "")),
         "words": world.scene.description,
-        "feasible": plan.feasible,
         "begin": float(plan.time[0, 0]),
         "remarks": plan.remarks,
-        "seed": plan.seed,
         "motions": MOTIONS,
         "colours": COLOURS,
         "agents": agents,
+        "arms": limbs[len(agents) :],
         "slots": [{"name": name, "mu": mu[name]} for name in plan.support_names],
         "object": int(np.flatnonzero(stage.ids == world.object_body)[0]),
         "bodies": len(stage.ids),
@@ -152,7 +152,6 @@ def _header(plan: Plan, world: World, stage: Bodies, qpos: Array) -> dict[str, A
         "meshes": len(stage.meshes),
         "goal": [*map(float, goal.p), *map(float, goal.wxyz)],
         "radius": radius,
-        "weight": float(world.model.body_mass[world.object_body] * np.linalg.norm(world.scene.gravity)),
         "reach": LONGEST * radius / largest if largest > 0.0 else 0.0,
         "view": {"towards": seen.towards.tolist(), "centre": seen.centre.tolist(), "radius": seen.radius},
         "route": plan.route.tolist(),
@@ -160,7 +159,3 @@ def _header(plan: Plan, world: World, stage: Bodies, qpos: Array) -> dict[str, A
         "certificate": None,
         "run": None,
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -161,15 +161,17 @@ class Charts {
 
   /** Show the joints of one agent. */
   choose(i) {
-    const { story } = this, agent = story.agents[i], nq = story.arrays.joints.shape[2];
+    const { story } = this, agent = story.agents[i], arm = story.arms[agent.arm], nq = story.arrays.joints.shape[2];
     this.agent = i;
-    const unitOf = agent.slides.every((slides) => slides) ? "m" : agent.slides.some((slides) => slides) ? "° or m" : "°";
-    this.angles.box.querySelector("figcaption").innerHTML = `<b>Joints</b> <span>of <i style="background:${agent.colour}"></i>${escaped(agent.name)}, ${unitOf}, base first: solid, then finer dashes</span>`;
+    const limbs = [{ ...agent, colour: strong(agent.colour) }, ...(arm ? [{ ...arm, colour: MUTED }] : [])];
+    const slides = limbs.flatMap((limb) => limb.slides), unit = slides.every((s) => s) ? "m" : slides.some((s) => s) ? "° or m" : "°";
+    const words = `${escaped(agent.name)}, ${unit}, base first: solid, then finer dashes${arm ? "; its arm's grey" : ""}`;
+    this.angles.box.querySelector("figcaption").innerHTML = `<b>Joints</b> <span>of <i style="background:${agent.colour}"></i>${words}</span>`;
     const dashes = [[], [9, 3], [6, 3], [4, 2], [2, 2], [1, 2]];
-    const curves = agent.joints.map((_, c) => ({
-      x: story.arrays.time, colour: strong(agent.colour), dash: dashes[Math.min(c, 5)],
-      y: this.column("joints", agent.first + c, nq, (v) => (agent.slides[c] ? v : (v * 180) / Math.PI)),
-    }));
+    const curves = limbs.flatMap(({ first, slides, colour }) => slides.map((straight, c) => ({
+      x: story.arrays.time, colour, dash: dashes[Math.min(c, 5)],
+      y: this.column("joints", first + c, nq, (v) => (straight ? v : (v * 180) / Math.PI)),
+    })));
     let low = Infinity, high = -Infinity;
     for (const { y } of curves) for (const v of y) [low, high] = [Math.min(low, v), Math.max(high, v)];
     const room = 0.05 * (high - low) || 1;

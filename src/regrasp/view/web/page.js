@@ -16,6 +16,9 @@ class Page {
     this.time = 0;
     this.speed = 1;
     this.playing = false;
+    this.rough = false;
+    /** ms without a change after which a rough picture becomes a good one. */
+    this.patience = 250;
     this.controls();
     new ResizeObserver(() => this.resize()).observe($("view"));
     requestAnimationFrame((now) => this.tick(now));
@@ -210,9 +213,14 @@ class Page {
     this.orbit.fit(this.story.view.towards, this.stage.interest(), clientWidth / clientHeight);
   }
 
-  resize() {
-    const { clientWidth, clientHeight } = $("view"), ratio = devicePixelRatio || 1;
+  /** Give the canvas the pixels that it has, or half as many in a rough picture. */
+  measure() {
+    const { clientWidth, clientHeight } = $("view"), ratio = (devicePixelRatio || 1) * (this.rough ? 0.5 : 1);
     Object.assign($("canvas"), { width: clientWidth * ratio, height: clientHeight * ratio });
+  }
+
+  resize() {
+    this.measure();
     if (!this.story) return;
     this.charts.draw();
     this.charts.mark(this.time, this.segment());
@@ -227,16 +235,24 @@ class Page {
       // What is still being searched is shown over and over.
       if (this.time >= this.story.span) this.story.draft ? this.seek(0) : this.play(false);
     }
-    if (this.dirty && this.story) this.draw();
+    // Where a processor draws, what moves is drawn roughly, and well as soon as it stands still.
+    if (this.dirty && this.story) {
+      this.draw(this.painter.slow);
+      this.drawn = now;
+    } else if (this.rough && now - this.drawn > this.patience) this.draw(false);
     requestAnimationFrame((next) => this.tick(next));
   }
 
-  draw() {
+  draw(rough) {
     this.dirty = false;
+    if (this.rough !== rough) {
+      this.rough = rough;
+      this.measure();
+    }
     const { story } = this, { width, height } = $("canvas");
-    const camera = { ...this.orbit.matrices(width / height), pixel: devicePixelRatio || 1 };
+    const camera = { ...this.orbit.matrices(width / height), pixel: (devicePixelRatio || 1) * (rough ? 0.5 : 1) };
     const picture = this.stage.picture(this.time, this.layers, camera);
-    this.painter.draw(picture);
+    this.painter.draw(picture, rough);
     this.name(picture);
     const place = this.axis(this.time), { j } = story.at(this.time);
     $("head").style.left = $("handle").style.left = `${(100 * place) / story.N}%`;

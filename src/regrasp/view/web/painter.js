@@ -19,14 +19,16 @@ void main() {
 
 const SHADOW = `
 uniform highp sampler2DShadow shadows;
+uniform float plain;
 float shadow(vec4 lit) {
+  if (plain > 0.5) return 1.0;
   vec3 at = 0.5 * lit.xyz / lit.w + 0.5;
   if (any(lessThan(at, vec3(0.0))) || any(greaterThan(at, vec3(1.0)))) return 1.0;
   float sum = 0.0;
-  vec2 texel = 1.6 / vec2(textureSize(shadows, 0));
-  for (int i = -1; i <= 1; i++)
-    for (int j = -1; j <= 1; j++) sum += texture(shadows, vec3(at.xy + vec2(i, j) * texel, at.z - 0.0012));
-  return sum / 9.0;
+  vec2 texel = 1.1 / vec2(textureSize(shadows, 0));
+  for (int i = -1; i <= 1; i += 2)
+    for (int j = -1; j <= 1; j += 2) sum += texture(shadows, vec3(at.xy + vec2(i, j) * texel, at.z - 0.0012));
+  return 0.25 * sum;
 }`;
 
 const SOLID_FRAGMENT = `#version 300 es
@@ -34,7 +36,7 @@ precision highp float;
 in vec3 world, facing, inFrame;
 in vec4 lit;
 uniform vec3 colour, eye, sun;
-uniform float alpha, lined, plain;
+uniform float alpha, lined;
 out vec4 painted;
 ${SHADOW}
 float lines() {
@@ -48,7 +50,7 @@ void main() {
   vec3 n = normalize(facing), towards = normalize(eye - world);
   if (dot(n, towards) < 0.0) n = -n;
   float key = max(dot(n, sun), 0.0);
-  if (plain < 0.5) key *= shadow(lit);
+  key *= shadow(lit);
   float shine = pow(max(dot(n, normalize(sun + towards)), 0.0), 50.0) * step(0.001, key);
   float sky = 0.5 + 0.5 * n.z;
   float edge = pow(1.0 - max(dot(n, towards), 0.0), 3.0);
@@ -121,6 +123,9 @@ class Painter {
     if (!gl) throw new Error("this browser has no WebGL 2");
     this.gl = gl;
     this.canvas = canvas;
+    const told = gl.getExtension("WEBGL_debug_renderer_info");
+    /** Whether a processor draws: then what moves is drawn roughly. */
+    this.slow = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(told ? gl.getParameter(told.UNMASKED_RENDERER_WEBGL) : "");
     this.solid = this.program(SOLID_VERTEX, SOLID_FRAGMENT);
     this.ground = this.program(SOLID_VERTEX, GROUND_FRAGMENT);
     this.depth = this.program(SOLID_VERTEX, DEPTH_FRAGMENT);
@@ -177,12 +182,11 @@ class Painter {
   mesh({ points, normals, faces }) {
     const gl = this.gl, array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    this.attribute(0, points, 3);
-    this.attribute(1, normals, 3);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    const buffers = [this.attribute(0, points, 3), this.attribute(1, normals, 3), gl.createBuffer()];
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[2]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces), gl.STATIC_DRAW);
     gl.bindVertexArray(null);
-    return { array, count: faces.length };
+    return { array, count: faces.length, buffers };
   }
 
   /** Buffers of polylines, each a list of points [x, y, z, time]. */
@@ -203,9 +207,10 @@ class Painter {
     return { array, count: when.length, buffers };
   }
 
-  forget(strokes) {
-    strokes.buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
-    this.gl.deleteVertexArray(strokes.array);
+  /** Free what `mesh` or `strokes` made. */
+  forget({ array, buffers }) {
+    buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
+    this.gl.deleteVertexArray(array);
   }
 
   attribute(place, values, size) {
@@ -219,30 +224,23 @@ class Painter {
 
   /**
    * Draw a picture: {eye, view, sun, light, back, grounds, solids, ghosts, strokes, marks, tops}. solids, ghosts, marks and
-   * tops are {mesh, pose, local, scale, colour, alpha, lined}; marks lie over all that is solid, tops' alpha below all that.
+   * tops are {mesh, pose, local, scale, colour, alpha, lined}; marks and tops lie over everything else. rough: without shadows.
    */
-  draw(picture) {
+  draw(picture, rough = false) {
     const gl = this.gl, common = { eye: picture.eye, sun: picture.sun, light: picture.light };
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
-    gl.viewport(0, 0, SHADOW_SIZE, SHADOW_SIZE);
-    gl.clear(gl.DEPTH_BUFFER_BIT);
-    gl.enable(gl.POLYGON_OFFSET_FILL);
-    gl.polygonOffset(2, 4);
-    this.use(this.depth, { view: picture.light });
-    this.solids(this.depth, picture.solids);
-    gl.disable(gl.POLYGON_OFFSET_FILL);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    if (!rough) this.cast(picture);
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.clearColor(...picture.back, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.bindTexture(gl.TEXTURE_2D, this.shadows);
     gl.enable(gl.CULL_FACE);
-    this.use(this.ground, { ...common, view: picture.view, back: picture.back, ...picture.ground });
+    const plain = rough ? 1 : 0;
+    this.use(this.ground, { ...common, plain, view: picture.view, back: picture.back, ...picture.ground });
     this.solids(this.ground, picture.grounds);
     gl.disable(gl.CULL_FACE);
-    this.use(this.solid, { ...common, view: picture.view, alpha: 1, plain: 0 });
+    this.use(this.solid, { ...common, view: picture.view, alpha: 1, plain });
     this.solids(this.solid, picture.solids.filter((each) => !each.front));
     // A tip is what touches: it is before what else is in the same place.
     gl.enable(gl.POLYGON_OFFSET_FILL);
@@ -272,6 +270,20 @@ class Painter {
     this.solids(this.solid, picture.marks);
     this.lines(picture, picture.tops);
     gl.bindVertexArray(null);
+  }
+
+  /** The depths that the light sees. */
+  cast(picture) {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.viewport(0, 0, SHADOW_SIZE, SHADOW_SIZE);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(2, 4);
+    this.use(this.depth, { view: picture.light });
+    this.solids(this.depth, picture.solids);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
   solids(program, list) {

@@ -1,7 +1,7 @@
 // Triangle meshes of the shapes that a model is made of: {points, normals, faces}, all flat arrays.
 
 /** A surface of revolution about z: rings of [radius, height, normal outwards, normal upwards]. */
-function turned(rings, sides = 40) {
+function turned(rings, sides = 32) {
   const points = [], normals = [], faces = [];
   for (const [r, z, nr, nz] of rings)
     for (let i = 0; i <= sides; i++) {
@@ -30,10 +30,10 @@ function ball(radius, height, a, b, count) {
 const QUARTER = Math.PI / 2;
 
 const SOLIDS = {
-  sphere: (s) => turned(ball(s[0], 0, -QUARTER, QUARTER, 24)),
-  capsule: (s) => turned([...ball(s[0], -s[1], -QUARTER, 0, 10), ...ball(s[0], s[1], 0, QUARTER, 10)], 32),
+  sphere: (s) => turned(ball(s[0], 0, -QUARTER, QUARTER, 16)),
+  capsule: (s) => turned([...ball(s[0], -s[1], -QUARTER, 0, 7), ...ball(s[0], s[1], 0, QUARTER, 7)], 28),
   cylinder: (s) =>
-    turned([[0, -s[1], 0, -1], [s[0], -s[1], 0, -1], [s[0], -s[1], 1, 0], [s[0], s[1], 1, 0], [s[0], s[1], 0, 1], [0, s[1], 0, 1]], 56),
+    turned([[0, -s[1], 0, -1], [s[0], -s[1], 0, -1], [s[0], -s[1], 1, 0], [s[0], s[1], 1, 0], [s[0], s[1], 0, 1], [0, s[1], 0, 1]], 48),
   cone: ([r, h]) => {
     const slope = Math.hypot(r, h);
     return turned([[0, h, 0, 1], [r, h, 0, 1], [r, h, h / slope, -r / slope], [0, 0, h / slope, -r / slope]].reverse());

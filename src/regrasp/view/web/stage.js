@@ -12,10 +12,12 @@ class Stage {
     this.common.floor = painter.mesh(square);
     this.kept = new Map();
     this.passing = [];
+    this.own = [];
   }
 
   /** Take a story: meshes of its shapes, ways of its contacts. */
   show(story) {
+    this.own.forEach((each) => this.painter.forget(each));
     this.story = story;
     this.meshes = [];
     for (let i = 0; i < story.meshes; i++) {
@@ -32,6 +34,7 @@ class Stage {
     this.solids = this.shapes.filter((shape) => shape.kind !== "plane");
     this.ways = story.agents.map((agent, i) => this.painter.strokes(this.contactWays(i)));
     this.way = this.painter.strokes([this.objectWay()]);
+    this.own = [...this.meshes, ...this.ways, this.way];
     this.low = this.lowest();
   }
 
@@ -139,6 +142,7 @@ class Stage {
   /** The picture at a time, for the layers that are on. */
   picture(time, layers, camera) {
     const story = this.story;
+    this.pixel = camera.pixel;
     this.passing.forEach((strokes) => this.painter.forget(strokes));
     this.passing = [];
     const instant = story.at(Math.min(time, story.end)), record = story.run ? story.record(time) : null;
@@ -202,7 +206,7 @@ class Stage {
   brief(points, colour, width) {
     const strokes = this.painter.strokes([points]);
     this.passing.push(strokes);
-    return { strokes, colour, width: width * (devicePixelRatio || 1) };
+    return { strokes, colour, width: width * this.pixel };
   }
 
   /** Light from above, and the floors that it falls on. */
