@@ -130,7 +130,7 @@ def _mp4(pictures: Sequence[Image.Image], form: Form, path: Path) -> None:
     import av
 
     with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as file:
-        stream = file.add_stream("libx264", rate=1000 // form.delay, options={"crf": "23", "preset": "slow"})
+        stream = file.add_stream("libx264", rate=1000 // form.delay, options={"crf": "27", "preset": "slow"})
         stream.width, stream.height = pictures[0].size
         stream.pix_fmt = "yuv420p"
         for picture in [*pictures, *[pictures[-1]] * (LAST // form.delay)]:
