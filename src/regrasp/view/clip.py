@@ -72,7 +72,7 @@ def write(reel: Reel, path: str | os.PathLike[str], speed: float | None = None, 
         with ProcessPoolExecutor(workers) as pool:
             done = list(pool.map(_pictures, [reel] * workers, shares, [speed] * workers))
     pictures = [done[number % workers][number // workers] for number in range(len(rows))]
-    if form is FORMS[".gif"]:
+    if Path(path).suffix.lower() == ".gif":
         _gif(pictures, (AGENT_FORCE, SUPPORT_FORCE, *colours(reel.show.plan)), form, Path(path))
     else:
         _mp4(pictures, form, Path(path))
