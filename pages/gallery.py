@@ -40,10 +40,7 @@ def make(name: str) -> dict[str, Any]:
     plan = plan_scene(scene, SEED, read(Settings, scene.planner)).plan
     if plan is None:
         return {"planned": False}
-    picture = render(plan)
-    size = (WIDTH, round(picture.height * WIDTH / picture.width))
-    small = picture.resize(size, Image.Resampling.LANCZOS).quantize(96, dither=Image.Dither.NONE)
-    small.save(DOCS / "img" / f"{name}.png", optimize=True)
+    small(render(plan), 96).save(DOCS / "img" / f"{name}.png", optimize=True)
     reel = planned.prepare(plan)
     clip.write(reel, DOCS / "img" / f"{name}.mp4")
     if name == FIRST:
@@ -53,12 +50,17 @@ def make(name: str) -> dict[str, Any]:
 
 
 def small_figure(plan: Plan, path: Path) -> None:
-    """The figure of a plan in few colours: lines need no more."""
+    """The figure of a plan."""
     save(figure(plan), path)
     with Image.open(path) as whole:
-        size = (WIDTH, round(whole.height * WIDTH / whole.width))
-        few = whole.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(48, dither=Image.Dither.NONE)
+        few = small(whole.convert("RGB"), 48)
     few.save(path, optimize=True)
+
+
+def small(picture: Image.Image, colours: int) -> Image.Image:
+    """A picture as wide as a page, in few colours: a repository keeps it for ever."""
+    size = (WIDTH, round(picture.height * WIDTH / picture.width))
+    return picture.resize(size, Image.Resampling.LANCZOS).quantize(colours, dither=Image.Dither.NONE)
 
 
 def facts(plan: Plan) -> dict[str, Any]:
@@ -80,13 +82,18 @@ def page(found: dict[str, dict[str, Any]]) -> str:
         if not made["planned"]:
             lines.append("No plan was found.\n\n")
             continue
+        film = DOCS / "img" / f"{name}.mp4"
         relocations = f"{made['relocations']} relocation{'s' * (made['relocations'] != 1)}"
         lines.append(
-            f"{'Certified' if made['certified'] else '**Refused by `check`**'}: {made['intervals']} intervals, {relocations}, "
-            f"{made['duration']:g} s of motion, at most {made['force']:g} N from one agent. [Clip](img/{name}.mp4)\n\n"
+            f"{'Certified' if made['certified'] else '**Refused by `check`**'}: {made['intervals']} intervals, "
+            f"{relocations}, {made['duration']:g} s of motion, at most {made['force']:g} N from one agent.\n\n"
             f"![{name}: frames of the plan, and its V](img/{name}.png)\n\n"
-            f'<video src="../img/{name}.mp4" controls loop muted playsinline preload="none" width="640"></video>\n\n'
         )
+        if film.exists():
+            lines.append(
+                f"[Clip](img/{name}.mp4)\n\n"
+                f'<video src="img/{name}.mp4" controls loop muted playsinline preload="none" width="640"></video>\n\n'
+            )
     return "".join(lines).rstrip() + "\n"
 
 

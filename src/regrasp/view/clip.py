@@ -72,7 +72,7 @@ def write(reel: Reel, path: str | os.PathLike[str], speed: float | None = None, 
         with ProcessPoolExecutor(workers) as pool:
             done = list(pool.map(_pictures, [reel] * workers, shares, [speed] * workers))
     pictures = [done[number % workers][number // workers] for number in range(len(rows))]
-    if form is FORMS[".gif"]:
+    if Path(path).suffix.lower() == ".gif":
         _gif(pictures, (AGENT_FORCE, SUPPORT_FORCE, *colours(reel.show.plan)), form, Path(path))
     else:
         _mp4(pictures, form, Path(path))
@@ -130,7 +130,7 @@ def _mp4(pictures: Sequence[Image.Image], form: Form, path: Path) -> None:
     import av
 
     with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as file:
-        stream = file.add_stream("libx264", rate=1000 // form.delay, options={"crf": "23", "preset": "slow"})
+        stream = file.add_stream("libx264", rate=1000 // form.delay, options={"crf": "27", "preset": "slow"})
         stream.width, stream.height = pictures[0].size
         stream.pix_fmt = "yuv420p"
         for picture in [*pictures, *[pictures[-1]] * (LAST // form.delay)]:
