@@ -33,7 +33,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
-DENSER = 4  # times as many candidates, where contacts on fewer are lost
+DENSER = (2, 5)  # times as many candidates of agents of few joints, at first and where no contacts on those last
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 2  # of an arc along which no contacts can be kept
@@ -236,8 +236,9 @@ def without_search(
         failed = made
     if grasp is None or task.router.rests(arcs[0].start):
         # Few contacts of agents of few joints can be kept, so that more candidates are worth their time.
-        scans = [(count, 1) for count in dict.fromkeys((len(arcs), 1))]
-        for count, denser in scans + ([(1, DENSER)] if grasp is None and wandering else []):
+        many = grasp is None and wandering and not carried
+        scans = [(count, DENSER[0] if many else 1) for count in dict.fromkeys((len(arcs), 1))]
+        for count, denser in scans + ([(1, DENSER[1])] if many else []):
             stances = stances_for(task, whole if count == 1 else path_of(task, arcs[:count]), rng, off, None, denser)
             if isinstance(stances, Failure):
                 failed = failed or stances
