@@ -55,8 +55,7 @@ def nominal(world: World) -> Reality:
 @dataclass(frozen=True)
 class Drives:
     """Affine actuators, one per agent joint: joint force = gain·ctrl + offset + stiff·q + damp·q̇, each (nq,), as far as
-    the limits of actuator and joint allow. gains: K and D that the controller may count on; a servo's own where the
-    model has one.
+    the limits of actuator and joint allow. gains: K and D of the law.
     """
 
     actuator: NDArray[np.int64]
@@ -76,9 +75,15 @@ class Drives:
 
 
 def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
-    """Gives every agent joint that has no actuator an impedance drive; the joint's force limit holds for it too."""
+    """Gives every agent joint that has no actuator an impedance drive; the joint's force limit holds for it too.
+
+    A position servo gets the gains of the law: one tuned to hold its place stiffly neither feels nor keeps a light grip.
+    """
     model = world.model
-    driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
+    driven = {
+        int(model.actuator_trnid[a, 0]): a
+        for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT))
+    }
     at = 0
     for agent in world.agents:
         for joint in agent.joints:
@@ -90,6 +95,10 @@ def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
                 )  # fmt: skip
                 actuator.gainprm[0] = wanted.K[at]
                 actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
+            elif model.actuator_biasprm[driven[int(joint)], 1] < 0.0:
+                servo, gear = spec.actuators[driven[int(joint)]], model.actuator_gear[driven[int(joint)], 0]
+                servo.gainprm[0] = wanted.K[at] / gear**2
+                servo.biasprm[1:3] = -wanted.K[at] / gear**2, -wanted.D[at] / gear**2
             at += 1
 
 
@@ -120,11 +129,10 @@ def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
     stiff, damp = gear**2 * model.actuator_biasprm[at, 1], gear**2 * model.actuator_biasprm[at, 2]
     affine = model.actuator_biastype[at] == int(mujoco.mjtBias.mjBIAS_AFFINE)
     stiff, damp = np.where(affine, stiff, 0.0), np.where(affine, damp, 0.0)
-    servo = stiff < 0.0
     return Drives(
         np.array(at), gear * model.actuator_gainprm[at, 0],
         np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp,
-        Gains(np.where(servo, -stiff, wanted.K), np.where(servo, -damp, wanted.D)),
+        wanted,
     )  # fmt: skip
 
 
