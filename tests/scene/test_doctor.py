@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import trimesh
 import yaml
 
 from regrasp.errors import InputError
@@ -143,3 +144,14 @@ def test_a_file_that_is_no_scene_and_one_that_is_not_there_are_bad_input(tmp_pat
     (tmp_path / "bad.yaml").write_text(dump(load("fig3-puma3")) + "what: 1\n")
     with pytest.raises(InputError, match="unknown key"):
         examine(str(tmp_path / "bad.yaml"))
+
+
+def test_how_well_a_grid_describes_the_objects_mesh_is_told(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    trimesh.creation.box((0.04, 0.04, 0.04)).export(tmp_path / "box.stl")
+    shape = {"shape": "mesh", "file": "box.stl", "mass": 0.1, "rounding": 0.004, "resolution": 0.002}
+    (note,) = [line for line in of(examine(make(object=shape)).symptoms, "note") if "object" in line and "grid" in line]
+    assert "a grid of 2 mm" in note
+    assert "rounded by 4 mm" in note

@@ -24,11 +24,6 @@ DRIVES = {
     '<general joint="j2" gainprm="-2" biastype="affine" biasprm="-1 5 -0.1"/><general joint="j3" gainprm="11"/>',
     "mixed": '<position joint="j3" kp="900" kv="40"/><motor joint="j1" gear="5"/>',
 }
-OWN = {
-    "position": ([100.0, 9 * 7.0, 900.0], [3.0, 9 * 0.5, 40.0]),
-    "affine": ([80.0, 25.0, 600.0], [8.0, 0.8, 20.0]),
-    "mixed": ([40.0, 25.0, 900.0], [1.5, 0.8, 40.0]),
-}
 
 
 def commanded(physics: Physics, rng: np.random.Generator, size: float = 1.0) -> np.ndarray:
@@ -51,9 +46,8 @@ def driven(physics: Physics) -> np.ndarray:
 def test_joints_obey_the_impedance_law_whatever_drives_them(kind, tmp_path):
     world = arm(tmp_path, DRIVES[kind])
     physics, rng = Physics(world, nominal(world), WANTED), np.random.default_rng(0)
-    K, D = OWN.get(kind, (WANTED.K, WANTED.D))  # a servo's stiffness is its own
-    np.testing.assert_allclose(physics.drives.gains.K, K)
-    np.testing.assert_allclose(physics.drives.gains.D, D)
+    np.testing.assert_allclose(physics.drives.gains.K, WANTED.K)
+    np.testing.assert_allclose(physics.drives.gains.D, WANTED.D)
     for _ in range(20):
         wanted = commanded(physics, rng)
         np.testing.assert_allclose(driven(physics), wanted, rtol=1e-9, atol=1e-9)

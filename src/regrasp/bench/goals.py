@@ -136,6 +136,8 @@ def row_of(name: str, scenes: list[Scene]) -> dict[str, Any]:
         reason = ""
         if outcome.plan is None or outcome.failure:
             reason = f"no plan: {outcome.failure}"
+        elif seconds[-1] > LIMIT:  # what is under way when the time is up is finished
+            reason = f"no plan in {LIMIT:g} s"
         else:
             planned += 1
             if refusals := check(outcome.plan).refusals:

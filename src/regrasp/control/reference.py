@@ -38,6 +38,10 @@ class Phases:
         demand(self, from_zero=("standoff", "approach", "load", "settle", "hold"))
 
 
+NEARER = 4
+"""Times at most that the standoff is halved."""
+
+
 @dataclass(frozen=True)
 class Reference:
     """T rows, one per control period; k agents, nq joints (agent after agent).
@@ -182,7 +186,24 @@ def _sampled(plan: Plan, period: float) -> Reference:
 
 
 def _approach(plan: Plan, world: World, period: float, standoff: float, rows: int) -> tuple[Array, Array]:
-    """Joints and their rates (rows, nq) from the standoff to the first contact, at rest at both ends."""
+    """Joints and their rates (rows, nq) from the standoff to the first contact, at rest at both ends.
+
+    The standoff is smaller where a finger would have to reach into something for it.
+    """
+    goal = plan.joints[0, 0]
+    begin = _standing_off(plan, world, standoff)
+    for _ in range(NEARER):
+        if not _collides(world, begin):
+            break
+        standoff *= 0.5
+        begin = _standing_off(plan, world, standoff)
+    u = np.arange(rows)[:, None] / rows
+    way = goal - begin
+    return begin + (3 * u**2 - 2 * u**3) * way, 6 * u * (1 - u) * way / (rows * period)
+
+
+def _standing_off(plan: Plan, world: World, standoff: float) -> Array:
+    """Joints (nq,) with every tip that first holds the object so far from it, along the normal."""
     goal = plan.joints[0, 0]
     begin = goal.copy()
     R_WO = Rotation.from_quat(plan.object_quaternion[0, 0], scalar_first=True).as_matrix()
@@ -199,9 +220,21 @@ def _approach(plan: Plan, world: World, period: float, standoff: float, rows: in
         data.qpos[addresses] = goal
         step = np.concatenate([standoff * (R_WO @ plan.n_O[0, 0, i]), np.zeros(3)])
         begin[mine] += moved_tip(model, data, world, i, step)
-    u = np.arange(rows)[:, None] / rows
-    way = goal - begin
-    return begin + (3 * u**2 - 2 * u**3) * way, 6 * u * (1 - u) * way / (rows * period)
+    return begin
+
+
+def _collides(world: World, joints: Array) -> bool:
+    """Whether bodies that must not touch do with the agents at joints (nq,) and the object at its start."""
+    model = world.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = world.start
+    data.qpos[world.joint_qpos] = joints
+    mujoco.mj_fwdPosition(model, data)
+    apart = {(int(a), int(b)) for a, b in world.collision_pairs}
+    return any(
+        contact.dist < 0.0 and (min(contact.geom1, contact.geom2), max(contact.geom1, contact.geom2)) in apart
+        for contact in data.contact
+    )
 
 
 def moved_tip(model: mujoco.MjModel, data: mujoco.MjData, world: World, i: int, step: Array) -> Array:

@@ -34,7 +34,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
-DENSER = 4  # times as many candidates, where contacts on fewer are lost
+DENSER = (2, 5)  # times as many candidates of agents of few joints, at first and where no contacts on those last
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 3  # of an arc along which no contacts can be kept
@@ -261,8 +261,9 @@ def without_search(
             failed = failed or made
     if grasp is None or task.router.rests(arcs[0].start):
         # Few contacts of agents of few joints can be kept, so that more candidates are worth their time.
-        scans = [(count, 1) for count in dict.fromkeys((len(arcs), 1))]
-        scans += [(1, DENSER)] if grasp is None and wandering else []
+        many = grasp is None and wandering and not carried
+        scans = [(count, DENSER[0] if many else 1) for count in dict.fromkeys((len(arcs), 1))]
+        scans += [(1, DENSER[1])] if many else []
         for (count, denser), whole in itertools.product(scans, wholes):
             ahead = [whole] if count == 1 else paths_of(task, arcs[:count], grasp)
             stances = stances_for(task, (ahead or [whole])[0], rng, off, None, denser)

@@ -10,6 +10,9 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES
 from regrasp.kernels.native import heap, kernel
 from regrasp.kernels.records import Record
+from regrasp.kernels.rotations import dot
+from regrasp.kernels.stack import stack
+from regrasp.kernels.surfaces import shape_operator
 from regrasp.planner.balance import balance
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
@@ -26,6 +29,7 @@ from regrasp.planner.terms import Terms
 
 Array = NDArray[np.float64]
 OUT = -1  # the choice of an agent that stays off
+SLACK = 1e-3  # m by which the object may be off when it is touched
 MORE = 3  # times as many restarts where agents have few joints: most contacts leave their reach on the way
 PROMISING = 20  # candidates of such an agent among which random choices are drawn, those that tie included
 
@@ -33,11 +37,14 @@ PROMISING = 20  # candidates of such an agent among which random choices are dra
 class Ahead(Record):
     """What becomes of the contacts of the agents (A,) on the candidates (A, C) if they are kept along the path.
 
-    kept (A, C): part of the path on which that is possible, −1 where the agent can't stand. At the start and the looks ahead,
-    (A, C, LOOKS + 1, …): p_O, n_O, where the contact is and its normal; R_WG, p_WG (…, g_max, …), the agent's bodies.
+    kept (A, C): part of the path on which that is possible, −1 where the agent can't stand. sharp (A, C): by how much the
+    normal turns, rad, where the contact is by SLACK elsewhere, in the mean over the looks; 0 for agents of six joints. At the
+    start and the looks ahead, (A, C, LOOKS + 1, …): p_O, n_O, where the contact is and its normal; R_WG, p_WG (…, g_max, …),
+    the agent's bodies.
     """
 
     kept: Array
+    sharp: Array
     p_O: Array
     n_O: Array
     R_WG: Array
@@ -96,9 +103,9 @@ def grasp_cost(
     """Σ of the contact forces at the path's two ends with agent agents[a] on candidate choice[a], plus what is lost ahead.
 
     An agent whose choice is OUT is off. As in a relocation: where contacts leave reach, where the object is not held on the
-    way, and agents that could not be relocated as the others don't hold. rest_R, rest_p (k, g_max, …): all agents' bodies at
-    rest. inf without equilibrium, where two agents collide at the start, where no agent touches, or as soon
-    as it is known not to be below the bound.
+    way, and agents that could not be relocated as the others don't hold; beside these, contacts on edges. rest_R, rest_p
+    (k, g_max, …): all agents' bodies at rest. inf without equilibrium, where two agents collide at the start, where no agent
+    touches, or as soon as it is known not to be below the bound.
     """
     k, n, m = len(hand.tip_geom), path.R_WO.shape[0], path.R_WO.shape[1] - 1
     bears, codes = np.zeros(k, np.uint8), np.full(k, STAY, np.int16)
@@ -112,7 +119,7 @@ def grasp_cost(
         which[i] = a
         bears[i] = 1
         stick += 1
-        cost += terms.outlook * (1.0 - ahead.kept[a, choice[a]])
+        cost += terms.outlook * (1.0 - ahead.kept[a, choice[a]] + ahead.sharp[a, choice[a]])
         looks = looks or wanders(hand, i)
     if stick == 0 or cost >= bound:
         return np.inf
@@ -184,7 +191,7 @@ def look_over(
     n_a, count = hand.chains.start[i + 1] - hand.chains.start[i], 0
     start = whole(0)
     q = np.zeros((LOOKS + 1, n_a))
-    R_WL, p_WL = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3))
+    R_WL, p_WL, S = np.empty((n_a + 1, 3, 3)), np.empty((n_a + 1, 3)), stack((3, 3))
     for c in range(len(scan.p_O)):
         ahead.kept[row, c] = -1.0
         if not candidate_free(hand, path, scan, R_WB[0], p_WB[0], start, i, c, terms.clearance):
@@ -193,12 +200,20 @@ def look_over(
         p, n_O = ahead.p_O[row, c], ahead.n_O[row, c]
         reached = stay_on(hand, path, scan, terms.commands, start, i, c, whole(1), q, p, n_O)
         ahead.kept[row, c] = clear_on(hand, path, scan, R_WB, p_WB, start, i, reached, q, terms.clearance) / LOOKS
+        sharp = 0.0
         for look in range(LOOKS + 1):
             last = min(look, reached)
             p[look], n_O[look] = p[last], n_O[last]
+            if wanders(hand, i):
+                shape_operator(hand.kind_O, hand.size_O, hand.grids, p[look], n_O[look], S)
+                bend = 0.0
+                for x in range(3):
+                    bend += dot(S[x], S[x])
+                sharp += SLACK * np.sqrt(bend) / (LOOKS + 1)
             forward(hand.chains, i, q[last], R_WL, p_WL)
             R_WP, p_WP = base_at(path, hand.base[i], look_ahead(len(path.R_WO), start, look))
             place_agent(hand, i, R_WP, p_WP, R_WL, p_WL, ahead.R_WG[row, c, look], ahead.p_WG[row, c, look])
+        ahead.sharp[row, c] = sharp
     return count
 
 
@@ -252,7 +267,7 @@ def nothing_ahead(agents: int, candidates: int, geoms: int) -> Ahead:
     """An `Ahead` with nothing known yet."""
     shape = (agents, candidates, LOOKS + 1)
     return Ahead(
-        np.zeros(shape[:2]), np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros((*shape, geoms, 3, 3)),
+        np.zeros(shape[:2]), np.zeros(shape[:2]), np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros((*shape, geoms, 3, 3)),
         np.zeros((*shape, geoms, 3)),
     )  # fmt: skip
 

@@ -56,7 +56,7 @@ def nominal(world: World) -> Reality:
 class Drives:
     """Affine actuators, one per agent joint that follows no other: joint force = gain·ctrl + offset + stiff·q + damp·q̇,
     each (nd,), as far as the limits of actuator and joint allow. driven (nd,): which of the joints (nq,) these are. gains: K
-    and D (nq,) that the controller may count on; a servo's own where the model has one.
+    and D (nq,) of the law.
     """
 
     driven: NDArray[np.int64]
@@ -78,9 +78,15 @@ class Drives:
 
 
 def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
-    """Gives every limb's joint that has no actuator and follows no other an impedance drive; its force limit holds too."""
+    """Gives every limb's joint that has no actuator and follows no other an impedance drive; its force limit holds too.
+
+    A position servo gets the gains of the law: one tuned to hold its place stiffly neither feels nor keeps a light grip.
+    """
     model = world.model
-    driven = {int(j) for j in model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), 0]}
+    driven = {
+        int(model.actuator_trnid[a, 0]): a
+        for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT))
+    }
     for at, joint in enumerate(world.joints):
         if int(joint) not in driven and world.coupling.free[at]:
             actuator = spec.add_actuator(
@@ -90,6 +96,10 @@ def drive(world: World, spec: mujoco.MjSpec, wanted: Gains) -> None:
             )  # fmt: skip
             actuator.gainprm[0] = wanted.K[at]
             actuator.biasprm[1:3] = -wanted.K[at], -wanted.D[at]
+        elif int(joint) in driven and model.actuator_biasprm[driven[int(joint)], 1] < 0.0:
+            servo, gear = spec.actuators[driven[int(joint)]], model.actuator_gear[driven[int(joint)], 0]
+            servo.gainprm[0] = wanted.K[at] / gear**2
+            servo.biasprm[1:3] = -wanted.K[at] / gear**2, -wanted.D[at] / gear**2
 
 
 def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
@@ -120,11 +130,9 @@ def drives_of(world: World, model: mujoco.MjModel, wanted: Gains) -> Drives:
     stiff, damp = gear**2 * model.actuator_biasprm[at, 1], gear**2 * model.actuator_biasprm[at, 2]
     affine = model.actuator_biastype[at] == int(mujoco.mjtBias.mjBIAS_AFFINE)
     stiff, damp = np.where(affine, stiff, 0.0), np.where(affine, damp, 0.0)
-    K, D, servo = wanted.K.copy(), wanted.D.copy(), stiff < 0.0
-    K[driven[servo]], D[driven[servo]] = -stiff[servo], -damp[servo]
     return Drives(
         driven, np.array(at), gear * model.actuator_gainprm[at, 0],
-        np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp, Gains(K, D),
+        np.where(affine, gear * model.actuator_biasprm[at, 0], 0.0), stiff, damp, wanted,
     )  # fmt: skip
 
 
