@@ -4,13 +4,13 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
-KERNELS  := $(shell grep -rlE --include='*.py' 'njit|Record' src/regrasp)
+KERNELS  := $(shell grep -rlE --include='*.py' 'native import|Record' src/regrasp)
 OUT    := out
 SCENE  ?= fig4-relocation
 SEED   ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv compile demo browser test check bench benchmarks trust format clean
+.PHONY: help venv compile demo browser test check bench benchmarks trust docs gallery format clean
 
 help:
 	@echo "make demo    plan the scene $(SCENE), check the plan, draw it: $(OUT)/$(SCENE).npz, .png, .html"
@@ -20,6 +20,8 @@ help:
 	@echo "make bench   the paper's own job, timed, and the local minima of its energy"
 	@echo "make benchmarks  what planning costs, as ratios to a plain reference: $(OUT)/benchmarks.md and .png (10 minutes)"
 	@echo "make trust   slow evidence: the slow tests, and every built-in scene with 10 seeds, planned and checked"
+	@echo "make docs    the site of the documentation: $(OUT)/site/index.html"
+	@echo "make gallery every built-in scene planned, checked, drawn and filmed, for the documentation (10 to 20 minutes)"
 	@echo "make compile compile the kernels ahead; demo, test, bench and trust do it where it is due"
 	@echo "make format  put the sources into the checked format"
 	@echo "make clean   remove $(VENV), $(OUT) and caches"
@@ -62,7 +64,7 @@ demo: $(COMPILED)
 	@echo "== the plan as a page, with its execution"
 	@$(BIN)/regrasp view $(OUT)/$(SCENE).npz --replay --html $(OUT)/$(SCENE).html
 	@echo "== done: the plan is $(OUT)/$(SCENE).npz, its picture $(OUT)/$(SCENE).png, its execution $(OUT)/$(SCENE)-replay.png"
-	@echo "== see it move: open $(OUT)/$(SCENE).html in a browser"
+	@echo "== see it move: open $(OUT)/$(SCENE).html in a browser, or run $(BIN)/regrasp view $(OUT)/$(SCENE).npz"
 
 # Without one the tests of the page are skipped, and say so.
 browser:
@@ -103,6 +105,14 @@ trust: $(COMPILED)
 	@$(BIN)/regrasp bench scenes --seeds 10
 	@echo "== the same plans in physics, 100 perturbed trials per scene"
 	@$(BIN)/regrasp bench replays --seeds 10
+
+docs: $(COMPILED)
+	@$(BIN)/python -m pages
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "== the site is $(OUT)/site/index.html"
+
+gallery: $(COMPILED)
+	@$(BIN)/python -m pages.gallery
 
 format: $(READY)
 	@$(BIN)/ruff format .

@@ -86,6 +86,7 @@ COMMANDS: dict[str, tuple[Callable[[list[str]], Answer], Callable[[dict[str, Any
     "doctor": (showing.doctor, answers.diagnosis),
     "view": (viewing.view, answers.page),
     "render": (showing.render, answers.picture),
+    "plot": (showing.plot, answers.figure),
     "bench": (measuring.bench, nothing),
 }
 """Name → what runs it, what shows its answer."""

@@ -1,10 +1,13 @@
 """Where a ball touches a cylinder with rounded edges, in closed form."""
 
+import dataclasses
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from regrasp.scene.matter import Part
-from regrasp.verify.contacts import _under
+from regrasp.verify.contacts import _under, measure
+from regrasp.verify.motion import interpolate
 
 R, H, E = 0.03, 0.04, 0.006
 
@@ -37,3 +40,21 @@ def test_no_point_of_the_surface_is_nearer():
         np.testing.assert_allclose(np.linalg.norm(local - p), least, atol=1e-7)
         np.testing.assert_allclose(local - p, np.linalg.norm(local - p) * n, atol=1e-12)
         np.testing.assert_allclose(np.linalg.norm(n), 1.0, atol=1e-12)
+
+
+def test_a_ball_on_the_side_next_to_the_rim_touches_the_round_side(handmade):
+    """The capsules that the rim is made of stand out over the side by some µm, and would be met up to 0.5 mm away."""
+    plan, world = handmade["rim"]
+    part, tip = world.matter.parts[0], world.agents[0]
+    radius, half, _, rounding = part.size
+    for beside in (1e-4, 3e-4, 6e-4):
+        for turn in np.linspace(0.0, 0.2, 9):
+            n = np.array([np.cos(turn), np.sin(turn), 0.0])
+            p = radius * n + [0.0, 0.0, half - rounding - beside]
+            motion = interpolate(plan, world)
+            motion.p_OT[:, :, 0] = p + tip.tip_size[0] * n
+            motion.geom_xpos[:, :, tip.tip_geom] = motion.p_WO + (motion.R_WO @ motion.p_OT[:, :, 0, :, None])[..., 0]
+            n_O = plan.n_O.copy()
+            n_O[:, :, 0] = n
+            found = measure(dataclasses.replace(plan, n_O=n_O), world, motion)
+            np.testing.assert_allclose(found.p_O[:, :, 0], np.broadcast_to(p, found.p_O[:, :, 0].shape), atol=5e-5)

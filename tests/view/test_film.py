@@ -10,9 +10,9 @@ from PIL import Image
 from regrasp.errors import InputError
 from regrasp.verify.execution import Execution, Trouble
 from regrasp.view import film
-from regrasp.view.film import PLANNED, clip, instants, pace, prepare, replayed, state, ticks, words
+from regrasp.view.film import PLANNED, instants, prepare, replayed
 from regrasp.view.frames import Instant, put
-from regrasp.view.ink import AGENT_FORCE, AGENTS, Ink, rgb
+from regrasp.view.ink import AGENT_FORCE, Ink, rgb
 from regrasp.view.plot import Panel, step
 from regrasp.view.shading import silhouette
 from regrasp.view.show import frame
@@ -80,7 +80,7 @@ def test_the_object_is_drawn_where_it_was_and_outlined_where_it_should_have_been
     camera, red = shown.show.camera, shown.show.stage.colour.copy()
     red[shown.show.world.object_geoms] = [1.0, 0.0, 0.0]
     shown = replace(shown, show=replace(shown.show, stage=replace(shown.show.stage, colour=red)))
-    there = state(shown, 50)
+    there = shown.state(50)
     image = np.asarray(frame(shown.show, there)) / 255
     y, x = np.nonzero((image[..., 0] > 0.3) & (image[..., 0] > 1.8 * image[..., 1:].max(axis=2)))
     address = shown.show.world.object_qpos
@@ -101,8 +101,8 @@ def test_measured_forces_stand_at_the_tips_contacts_and_planned_ones_are_thin(ma
     one = np.zeros_like(run.force_W)
     one[:, 0] = [0.0, 0.0, 3.0]
     shown = prepare(plan, replace(run, force_W=one, planned_W=0.0 * run.planned_W))
-    image = frame(shown.show, state(shown, 0))
-    arrow = state(shown, 0).arrows[0]
+    image = frame(shown.show, shown.state(0))
+    arrow = shown.state(0).arrows[0]
     points = near(image, AGENT_FORCE)
     head = shown.show.camera.project(arrow.head)
     tail = shown.show.camera.project(arrow.head - shown.show.force_scale * one[0, 0])
@@ -112,52 +112,22 @@ def test_measured_forces_stand_at_the_tips_contacts_and_planned_ones_are_thin(ma
     radius = shown.show.world.object_size[0]
     assert np.linalg.norm(arrow.head - plan.object_position[0, 0]) == pytest.approx(radius, rel=1e-3)
     swapped = prepare(plan, replace(run, force_W=0.0 * run.force_W, planned_W=one))
-    bare = replace(state(shown, 0), arrows=())
+    bare = replace(shown.state(0), arrows=())
     inked = [
-        np.any(np.asarray(frame(each.show, state(each, 0))) != np.asarray(frame(each.show, bare)), axis=2).sum()
+        np.any(np.asarray(frame(each.show, each.state(0))) != np.asarray(frame(each.show, bare)), axis=2).sum()
         for each in (shown, swapped)
     ]
     assert 50 < inked[1] < 0.85 * inked[0]
-    assert not len(near(frame(swapped.show, state(swapped, 0)), AGENT_FORCE))
+    assert not len(near(frame(swapped.show, swapped.state(0)), AGENT_FORCE))
 
 
 def test_forces_are_drawn_to_the_same_scale(made):
     plan, run = made("fig2-planar")
     shown = prepare(plan, run)
-    arrows = state(shown, 0).arrows
+    arrows = shown.state(0).arrows
     thin, thick = [a for a in arrows if a.colour == PLANNED], [a for a in arrows if a.colour == AGENT_FORCE]
     assert len(thin) == len(thick) == len(plan.agent_names)
     assert np.allclose([2 * a.force for a in thin], [a.force for a in thick])
-
-
-def test_a_clip_has_its_duration_times_its_rate_in_pictures(made, tmp_path):
-    plan, run = made("fig2-planar")
-    shown = prepare(plan, run)
-    for speed in (10.0, 20.0):
-        count = clip(shown, tmp_path / "a.gif", speed, cores=1)
-        with Image.open(tmp_path / "a.gif") as gif:
-            assert gif.n_frames == count == round(5.0 / speed / 0.07) + 1
-            durations = []
-            for i in range(count):
-                gif.seek(i)
-                durations.append(gif.info["duration"])
-            assert durations == [70] * (count - 1) + [1500]
-            assert gif.size == (480, 452)
-            for colour in (AGENT_FORCE, *AGENTS[: len(plan.agent_names)]):
-                assert len(near(gif, colour)) > 20
-    # Several processes share the same work.
-    clip(shown, tmp_path / "b.gif", speed, cores=2)
-    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
-
-
-def test_pictures_of_a_clip_are_evenly_spaced_and_end_with_the_last_record(made):
-    _, run = made("fig2-planar")
-    rows = ticks(run, 2.0)
-    assert rows[0] == 0
-    assert rows[-1] == 50
-    assert np.allclose(run.time[rows[:-1]], 0.14 * np.arange(len(rows) - 1), atol=0.051)
-    for length, speed in ((5.0, 1.0), (10.0, 1.0), (11.0, 2.0), (30.0, 4.0)):
-        assert pace(replace(run, time=run.time / 5.0 * length)) == speed
 
 
 def test_a_dropped_execution_is_drawn_as_far_as_it_went(made):
@@ -168,11 +138,11 @@ def test_a_dropped_execution_is_drawn_as_far_as_it_went(made):
     assert rows[0] == 0
     assert rows[-1] == 27
     assert (np.diff(rows) > 0).all()
-    assert words(dropped, 27) == "t = 2.70 s, off by 19.5 mm 0.0°: dropped"
-    assert "dropped" not in words(dropped, 26)
+    assert shown.words(27) == "t = 2.70 s, off by 19.5 mm 0.0°: dropped"
+    assert "dropped" not in shown.words(26)
     image = replayed(shown, GOAL, TUBE, 2)
     whole = replayed(prepare(plan, run), GOAL, TUBE, 2)
-    assert image.size == whole.size
+    assert image.width == whole.width
     # The allowance on the way is drawn once per panel, that at the end not even begun.
     first, second = (near(each.crop((0, each.height - film.PLOT, *each.size)), AGENT_FORCE) for each in (image, whole))
     assert len(first) > 200

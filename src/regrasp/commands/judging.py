@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from regrasp.commands.line import DONE, REFUSED, Answer, parse, say, writable
+from regrasp.commands.line import DONE, REFUSED, Answer, drawable, parse, say
 from regrasp.errors import InputError
 
 
@@ -54,7 +54,7 @@ def replay(arguments: list[str]) -> Answer:
             trials: Perturbed executions in each mode.
             seed: Seed of the trials; the result does not depend on the number of cores.
             cores: Processes that share the trials.
-            output: Picture (.png) or clip (.gif) of the execution with object feedback to write.
+            output: Picture (.png) or clip (.gif, .mp4) of the execution with object feedback to write.
         """
         return plan, control, perturbation, trials, seed, cores, output
 
@@ -72,20 +72,19 @@ def replay(arguments: list[str]) -> Answer:
                 name, f"is {value + (name == '--cores')}", "0 or more" if name == "--trials" else "1 or more"
             )
     if output is not None:
-        if output.suffix.lower() not in (".png", ".gif"):
-            raise InputError("--output", f"{output} is neither .png nor .gif", "a picture or a clip")
-        writable(output)
+        drawable(output)
     result = replay(found, trials, seed, control, ranges, cores)
     answer = {"plan": str(path), **result.to_dict()}
     if output is not None:
-        from regrasp.view.film import clip, prepare, replayed
+        from regrasp.view import clip
+        from regrasp.view.film import prepare, replayed
 
         shown = result.nominal[-1]
         film = prepare(found, shown.run)
-        if output.suffix.lower() == ".gif":
-            clip(film, output)
-        else:
+        if output.suffix.lower() == ".png":
             replayed(film, shown.tolerance, shown.tube).save(output)
+        else:
+            clip.write(film, output)
         answer["picture"] = str(output)
     for each in result.nominal:
         if not each.passed:

@@ -25,7 +25,8 @@ WORDS = {
     "models": "List the robots that a scene can name: built-in hands, MuJoCo Menagerie.",
     "doctor": "Say what will go wrong with a scene or a robot, and what to do about it.",
     "view": "Look at a plan, or at the search for one, in a browser: play, scrub, forces, contact motions, findings.",
-    "render": "Draw a plan: frames side by side, contact motions marked, forces as arrows.",
+    "render": "Draw a plan: frames side by side or a clip, contact motions marked, forces as arrows.",
+    "plot": "Draw figures of a plan for print: V, energy, forces, joints, clearances.",
     "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals, view.",
 }
 """Command → what it does."""
@@ -90,3 +91,10 @@ def writable(path: Path, flag: str = "--output") -> None:
         raise InputError(flag, f"no directory {path.parent}", "make it first")
     if path.is_dir():
         raise InputError(flag, f"{path} is a directory", "name a file")
+
+
+def drawable(path: Path) -> None:
+    """Raise InputError before the work if no picture or clip could be written there."""
+    if path.suffix.lower() not in (".png", ".gif", ".mp4"):
+        raise InputError("--output", f"{path} is no .png, .gif or .mp4 file", "a picture or a clip")
+    writable(path)

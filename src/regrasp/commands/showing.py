@@ -2,9 +2,9 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from regrasp.commands.line import DONE, REFUSED, Answer, parse, writable
+from regrasp.commands.line import DONE, REFUSED, Answer, drawable, parse, writable
 from regrasp.errors import InputError
 
 
@@ -58,20 +58,58 @@ def render(arguments: list[str]) -> Answer:
 
         Args:
             plan: Plan file, as `regrasp plan` writes it.
-            output: Picture to write, a .png file.
-            frames: Number of instants shown, 1 to 12.
+            output: Picture (.png: frames side by side) or clip (.gif, .mp4) to write.
+            frames: Number of instants that a picture shows, 1 to 12.
         """
         return plan, output, frames
 
     path, output, frames = parse(request, "render", arguments)
-    if output.suffix.lower() != ".png":
-        raise InputError("--output", f"{output} is not a .png file", "pictures are written as PNG")
+    drawable(output)
     if not 1 <= frames <= 12:
         raise InputError("--frames", f"is {frames}", "1 to 12")
-    writable(output)
     from regrasp.plan import load
+    from regrasp.view import clip, planned
     from regrasp.view.render import render
 
-    picture = render(load(path), frames)
-    picture.save(output)
-    return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
+    found = load(path)
+    if output.suffix.lower() == ".png":
+        picture = render(found, frames)
+        picture.save(output)
+        return DONE, {"picture": str(output), "width": picture.width, "height": picture.height}
+    return DONE, {"clip": str(output), "pictures": clip.write(planned.prepare(found), output)}
+
+
+def plot(arguments: list[str]) -> Answer:
+    import tyro
+
+    def request(
+        plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")],
+        output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE")],
+        what: tuple[Literal["V", "energy", "forces", "joints", "clearances"], ...] = (
+            "V",
+            "energy",
+            "forces",
+            "joints",
+            "clearances",
+        ),
+    ) -> tuple[Path, Path, tuple[str, ...]]:
+        """Read the command line.
+
+        Args:
+            plan: Plan file, as `regrasp plan` writes it.
+            output: Figure to write: .pdf, .svg or .png.
+            what: Panels, from top to bottom.
+        """
+        return plan, output, what
+
+    path, output, what = parse(request, "plot", arguments)
+    if output.suffix.lower() not in (".pdf", ".svg", ".png"):
+        raise InputError("--output", f"{output} is no .pdf, .svg or .png file", "what papers and pages take")
+    if not what:
+        raise InputError("--what", "names no panel", "V, energy, forces, joints, clearances")
+    writable(output)
+    from regrasp.plan import load
+    from regrasp.view.figure import figure, save
+
+    save(figure(load(path), what), output)
+    return DONE, {"figure": str(output), "panels": list(what)}

@@ -20,6 +20,7 @@ Four = tuple[float, float, float, float]
 
 ITERATIONS = 30  # of Newton's method for a closest point; three or four from nearby
 CLOSEST = 1e-13  # m: a foot closer to its place than this is there
+FLATTEST = 0.1  # eigenvalue of I + d S by which a step is divided, at least
 ROUND_OFF = 1e-14  # of a squared distance, whose last digits say nothing of where the foot is
 
 
@@ -69,10 +70,7 @@ def splines(values: Array) -> Array:
         for i in range(n):
             rows[i + 1, i : i + 3] = 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0
         rows[0, :5] = rows[-1, -5:] = 1.0, -4.0, 6.0, -4.0, 1.0
-        padded = np.zeros((n + 2, *np.delete(c.shape, axis)))
-        padded[1:-1] = np.moveaxis(c, axis, 0)
-        solved = np.linalg.solve(rows, padded.reshape(n + 2, -1)).reshape(padded.shape)
-        c = np.moveaxis(solved, 0, axis)
+        c = np.moveaxis(np.tensordot(np.linalg.inv(rows)[:, 1:-1], c, (1, axis)), 0, axis)
     return np.ascontiguousarray(c)
 
 
@@ -228,9 +226,13 @@ def grid_project(grids: Grids, m: int, p: Vector) -> tuple[float, Triple, Triple
         bend_e, bend_f = grid_bend(grids, m, x, e), grid_bend(grids, m, x, f)
         ee, ef, ff = 1.0 + k * dot(e, bend_e), k * dot(f, bend_e), 1.0 + k * dot(f, bend_f)
         determinant = ee * ff - ef * ef
-        along, across = length, 0.0
-        if determinant > 1e-3 and ee > 0.0:  # else p is beyond the centre of curvature
+        if determinant > 1e-3 and ee > 0.0:
             along, across = length * ff / determinant, -length * ef / determinant
+        else:  # beyond a centre of curvature: Newton's step with the eigenvalues' absolute values, a I + b (I + d S)
+            middle, half = 0.5 * (ee + ff), math.hypot(0.5 * (ee - ff), ef)
+            first, second = 1.0 / max(abs(middle + half), FLATTEST), 1.0 / max(abs(middle - half), FLATTEST)
+            b = 0.5 * (first - second) / max(half, ROUND_OFF)
+            along, across = length * (first - b * (middle + half - ee)), length * b * ef
         far, part, closer = dot(r, r), 1.0, False
         while part > 1e-3:
             y, n_y = _onto(grids, m, plus(plus(x, part * along, e), part * across, f))

@@ -113,6 +113,7 @@ def _sample_box(size: Array, count: int) -> Array:
 
 DENSE = 40  # points of a mesh from which one sample is chosen
 ROUNDS = 8  # of Lloyd's method
+FAR = 2.0  # spacings from a point to the farthest corner of its half cell, and what a coefficient is off its value by
 
 
 def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
@@ -127,15 +128,18 @@ def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
     parts = 1
     while True:
         axes = [o[a] + h / parts * (np.arange((n[a] - 1) * parts) + 0.5) for a in range(3)]
-        cloud, normals = _shell(grids, m, axes[0], axes[1], axes[2], 0.5 * h)
-        if len(cloud) >= DENSE * count:
+        shell = _shell(grids, m, axes[0], axes[1], axes[2], 0.5 * h)
+        if len(shell) >= DENSE * count:
             break
         parts *= 2
     from scipy.spatial import cKDTree
 
-    area = len(cloud) * (h / parts) ** 3 / h  # the shell's volume through its width
-    few = np.sort(np.random.default_rng(0).choice(len(cloud), DENSE * count, replace=False))
-    cloud, normals = cloud[few], normals[few]
+    area = len(shell) * (h / parts) ** 3 / h  # the shell's volume through its width
+    few = np.sort(np.random.default_rng(0).choice(len(shell), DENSE * count, replace=False))
+    cloud = shell[few]
+    normals = np.empty_like(cloud)
+    for point, normal in zip(cloud, normals, strict=True):
+        project(MESH, size, grids, point, point, normal)
     spacing = math.sqrt(area / count)
     places = np.concatenate((cloud, 0.5 * spacing * normals), axis=1)
     chosen = np.zeros(count, np.int64)
@@ -152,19 +156,28 @@ def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
 
 
 @heap
-def _shell(grids: Grids, m: int, x: Array, y: Array, z: Array, half: float) -> tuple[Array, Array]:
-    """Closest points (·, 3) and normals of the points of a lattice that are no further than `half` from grid m's surface."""
-    kind, size = int(MESH), np.array([float(m), 0.0, 0.0, 0.0])
+def _shell(grids: Grids, m: int, x: Array, y: Array, z: Array, half: float) -> Array:
+    """The points (·, 3) of a lattice that are no further than `half` from grid m's surface.
+
+    The coefficient at the node next to a point differs from the distance there by less than FAR spacings.
+    """
+    o, h, start = grids.origin[m], grids.spacing[m], grids.start[m]
+    rows, deep = grids.shape[m, 1] + 2, grids.shape[m, 2] + 2
     p, found = np.empty(3), 0
-    for fill in range(2):
-        points, normals = np.empty((found * fill, 3)), np.empty((found * fill, 3))
-        found = 0
-        for i in range(len(x)):
-            for j in range(len(y)):
-                for k in range(len(z)):
-                    p[0], p[1], p[2] = x[i], y[j], z[k]
-                    if abs(grid_field(grids, m, p)[0]) <= half:
-                        if fill:
-                            project(kind, size, grids, p, points[found], normals[found])
-                        found += 1
-    return points, normals
+    points = np.empty((len(x) * len(y), 3))
+    for i in range(len(x)):
+        a = int((x[i] - o[0]) / h + 0.5) + 1
+        for j in range(len(y)):
+            b = int((y[j] - o[1]) / h + 0.5) + 1
+            for k in range(len(z)):
+                c = int((z[k] - o[2]) / h + 0.5) + 1
+                if abs(grids.coefficients[start + (a * rows + b) * deep + c]) > half + FAR * h:
+                    continue
+                p[0], p[1], p[2] = x[i], y[j], z[k]
+                if abs(grid_field(grids, m, p)[0]) > half:
+                    continue
+                if found == len(points):
+                    points = np.concatenate((points, np.empty_like(points)))
+                points[found] = p
+                found += 1
+    return points[:found]

@@ -34,6 +34,7 @@ from regrasp.planner.task import Task
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
+DENSER = 4  # times as many candidates, where contacts on fewer are lost
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 3  # of an arc along which no contacts can be kept
@@ -110,10 +111,16 @@ def _path(task: Task, R: Array, p: Array, n: int, arm_q: Array) -> Path:
 
 
 def stances_for(
-    task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None
-) -> tuple[Stance, ...] | Failure:
-    """Grasps at the start of a path, those first with which the agents can probably stay in contact along it."""
-    scan, terms = new_scan(task.hand, path, task.settings.local.relocation), terms_of(task.hand, task.settings.local)
+    task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None,
+    denser: int = 1,
+) -> tuple[Stance, ...] | Failure:  # fmt: skip
+    """Grasps at the start of a path, those first with which the agents can probably stay in contact along it.
+
+    denser: times as many candidates as for a relocation are looked at.
+    """
+    local = task.settings.local
+    relocation = replace(local.relocation, candidates=denser * local.relocation.candidates)
+    scan, terms = new_scan(task.hand, path, relocation), terms_of(task.hand, local)
     return find_grasp(task.hand, path, scan, terms, off, task.names, task.settings.grasp, rng, holding)
 
 
@@ -253,13 +260,16 @@ def without_search(
                 return Planned([made[0]], made[1], STAYED, None)
             failed = failed or made
     if grasp is None or task.router.rests(arcs[0].start):
-        for count, whole in itertools.product(dict.fromkeys((len(arcs), 1)), wholes):
+        # Few contacts of agents of few joints can be kept, so that more candidates are worth their time.
+        scans = [(count, 1) for count in dict.fromkeys((len(arcs), 1))]
+        scans += [(1, DENSER)] if grasp is None and wandering else []
+        for (count, denser), whole in itertools.product(scans, wholes):
             ahead = [whole] if count == 1 else paths_of(task, arcs[:count], grasp)
-            stances = stances_for(task, (ahead or [whole])[0], rng, off)
+            stances = stances_for(task, (ahead or [whole])[0], rng, off, None, denser)
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue
-            for stance in stances if wandering else stances[: STANCES if carried or others else 1]:
+            for stance in lasting(stances) if wandering else stances[: STANCES if carried or others else 1]:
                 held = taken(task, arcs[0], whole, grasp, stance, stage)
                 if isinstance(held, Planned) and held.failure is None:
                     return held
@@ -284,6 +294,11 @@ def without_search(
                 return Planned(there.segments + rest.segments, rest.grasp, TOOK_HOLD, None)
     assert failed is not None
     return failed
+
+
+def lasting(stances: tuple[Stance, ...]) -> tuple[Stance, ...]:
+    """Those whose contacts can probably all be kept, else the first."""
+    return tuple(stance for stance in stances if stance.kept == 1.0) or stances[:1]
 
 
 def taken(task: Task, arc: Arc, whole: Path, grasp: Grasp | None, stance: Stance, stage: str) -> Planned | Failure:

@@ -157,11 +157,9 @@ def achieved(hand: Hand, i: int, command: Array, R_OT: Array, x_O: Array, n_O: A
     if is_full(hand, i):
         return command
     y_O = np.cross(n_O, x_O)
+    skew = R_OT[1:] @ np.swapaxes(R_OT[:-1], 1, 2)
+    turn = 0.5 * np.stack([skew[:, a, b] - skew[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], axis=1)
     total = command.copy()
-    total[:2] = 0.0
-    for s in range(len(R_OT) - 1):
-        skew = R_OT[s + 1] @ R_OT[s].T
-        turn = 0.5 * np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]])
-        total[0] += turn @ (0.5 * (x_O[s] + x_O[s + 1]))
-        total[1] += turn @ (0.5 * (y_O[s] + y_O[s + 1]))
+    total[0] = np.sum(turn * 0.5 * (x_O[:-1] + x_O[1:]))
+    total[1] = np.sum(turn * 0.5 * (y_O[:-1] + y_O[1:]))
     return total

@@ -47,7 +47,7 @@ class Relocation:
 
     candidates: int = 120
     lift: float = 0.35
-    sample: int = 8
+    sample: int = 4
     outlook: float = 3.0
 
 

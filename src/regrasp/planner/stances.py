@@ -46,10 +46,14 @@ class Ahead(Record):
 
 @dataclass(frozen=True)
 class Stance:
-    """A grasp that was found, and the candidates of the scan on which its agents stand (k,), OUT where they are off."""
+    """A grasp that was found, and the candidates of the scan on which its agents stand (k,), OUT where they are off.
+
+    kept: the least part of the path along which one of its contacts can be kept.
+    """
 
     grasp: Grasp
     candidates: NDArray[np.int64]
+    kept: float
 
 
 @dataclass(frozen=True)
@@ -320,7 +324,8 @@ def find_grasp(
             "equilibrium", "start", "", "no grasp within reach holds the object",
             "more friction, a larger max_force, a lighter object, or another agent",
         )  # fmt: skip
-    return tuple(stance_of(hand, path, scan, agents, choice) for choice in sorted(found, key=lambda each: found[each]))
+    best = sorted(found, key=lambda each: found[each])
+    return tuple(stance_of(hand, path, scan, agents, choice, ahead.kept) for choice in best)
 
 
 def longest(kept: Array, legal: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -332,12 +337,15 @@ def longest(kept: Array, legal: NDArray[np.int64]) -> NDArray[np.int64]:
     return legal[(legal == OUT) | (kept[legal] >= least)]
 
 
-def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: tuple[int, ...]) -> Stance:
-    """The grasp at the path's start with agent agents[a] on candidate choice[a]."""
+def stance_of(
+    hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: tuple[int, ...], kept: Array
+) -> Stance:
+    """The grasp at the path's start with agent agents[a] on candidate choice[a]; kept: as in `Ahead`."""
     contacts, candidates = {}, np.full(len(hand.tip_geom), OUT)
     for i, c in zip(agents.tolist(), choice, strict=True):
         n_a = hand.chains.start[i + 1] - hand.chains.start[i]
         if c != OUT:
             candidates[i], row = c, scan.row[i, 0, c]
             contacts[i] = (scan.q[row, :n_a].copy(), scan.p[row].copy(), scan.n[row].copy())
-    return Stance(build_grasp(hand, path, contacts), candidates)
+    least = min(kept[a, c] for a, c in enumerate(choice) if c != OUT)
+    return Stance(build_grasp(hand, path, contacts), candidates, float(least))

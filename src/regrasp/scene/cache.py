@@ -39,6 +39,6 @@ def kept(kind: str, made_from: Arrays, make: Callable[[], Arrays]) -> Arrays:
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # to pack and unpack takes longer than to read
         Path(file.name).replace(path)
     return arrays

@@ -18,6 +18,8 @@ from regrasp.scene.world import World, build
 
 LOOSE = 1.5
 """Volume of the shapes about a mesh over that of its hull from which on they are worth a word."""
+ROUGH = 5e-4
+"""m that a mesh's surface may be off in creases, where no tip gets; elsewhere it is off far less."""
 LONG = 5.0
 """No link of a hand or arm is longer than this, m."""
 SHORT = 1e-3
@@ -176,6 +178,7 @@ def _of_world(world: World) -> Iterator[Symptom]:
     data.qpos[:] = world.start
     mujoco.mj_kinematics(model, data)
     yield from _of_rest(world, data)
+    yield from _of_object(world)
     for said in world.links.said:
         yield Symptom("note", "model", said)
     for said in world.links.crowded:
@@ -197,6 +200,17 @@ def _of_world(world: World) -> Iterator[Symptom]:
             "error", "agents", f"together they bear {most:.3g} N at most, the object weighs {weight:.3g} N",
             "a larger max_force, more agents, a lighter object or supports",
         )  # fmt: skip
+
+
+def _of_object(world: World) -> Iterator[Symptom]:
+    """How well the grid that contacts roll on describes the object's mesh."""
+    matter = world.matter
+    if matter.mesh is None:
+        return
+    off, rounding = 1e3 * matter.error, 1e3 * float(matter.size[3])
+    what = f"a grid of {1e3 * matter.resolution:.2g} mm, within {off:.2g} mm of the mesh rounded by {rounding:.2g} mm"
+    rough = matter.error > ROUGH
+    yield Symptom("warning" if rough else "note", "object", what, "a smaller object.resolution" if rough else "")
 
 
 def _of_rest(world: World, data: mujoco.MjData) -> Iterator[Symptom]:

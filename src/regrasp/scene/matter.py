@@ -1,8 +1,10 @@
 """What the object is made of: its surface, its convex parts, its mass; and what of it a plan must carry with it."""
 
+import functools
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -44,8 +46,8 @@ class Matter:
 
     kind, size: its surface's code and size; parts: they make up its solid; mass, kg, centre: of mass, (3,) in O, m, and
     inertia (3, 3) about it in O's axes, kg m².
-    Where it is a mesh: the mesh; skin: its surface, opened and triangulated; error: m by which that differs from the mesh
-    opened, at most, which is in creases.
+    Where it is a mesh: the mesh; skin: its surface, opened and triangulated; resolution: m between its grid's nodes; error:
+    m by which the skin differs from the mesh opened, at most, which is in creases.
     """
 
     kind: int
@@ -55,14 +57,26 @@ class Matter:
     centre: Array
     inertia: Array
     skin: Skin | None = None
+    resolution: float = 0.0
     error: float = 0.0
     mesh: meshes.Mesh | None = None
 
 
 def assets_of(shape: AnyObject) -> dict[str, bytes]:
-    """The files that describe the object from now on, made from those that the scene names."""
+    """The files that describe the object from now on, made from those that the scene names, and kept."""
     if not isinstance(shape, MeshObject):
         return {}
+    source = {
+        "file": np.frombuffer(Path(meshes.checked(shape.file, "object")).read_bytes(), np.uint8),
+        "format": np.array(Path(shape.file).suffix.lower()),
+        "numbers": np.array([shape.scale, shape.rounding, shape.resolution or 0.0]),
+    }
+    packed = kept("object", source, lambda: {"packed": np.frombuffer(_packed(shape), np.uint8)})["packed"]
+    return {ASSET: packed.tobytes()}
+
+
+def _packed(shape: MeshObject) -> bytes:
+    """The mesh, its parts and its skin as one file."""
     mesh = meshes.read(shape.file, shape.scale, "object")
     spacing = shape.resolution or spacing_for(np.ptp(mesh.vertices, axis=0), shape.rounding)
     arrays = {
@@ -80,7 +94,7 @@ def assets_of(shape: AnyObject) -> dict[str, bytes]:
         parts=np.concatenate([points for points, _ in parts]), counts=np.array([len(points) for points, _ in parts]),
         excess=np.array([excess for _, excess in parts]), remarks=np.array(mesh.remarks, dtype=np.str_),
     )  # fmt: skip
-    return {ASSET: file.getvalue()}
+    return file.getvalue()
 
 
 def matter_of(shape: AnyObject, assets: Assets) -> Matter:
@@ -106,7 +120,8 @@ def matter_of(shape: AnyObject, assets: Assets) -> Matter:
     return Matter(
         MESH, np.array([0.0, 0.0, 0.0, shape.rounding]),
         tuple(_hull(points, float(radius)) for points, radius in zip(pieces, radii, strict=True)),
-        *_weighed(shape, mesh.vertices, mesh.faces), skin=skin, error=float(stored["error"]), mesh=mesh,
+        *_weighed(shape, mesh.vertices, mesh.faces), skin=skin, resolution=float(stored["spacing"]),
+        error=float(stored["error"]), mesh=mesh,
     )  # fmt: skip
 
 
@@ -123,8 +138,17 @@ def grid_of(shape: AnyObject, assets: Assets) -> Grid | None:
 def _stored(assets: Assets) -> Arrays:
     if ASSET not in assets:
         raise InputError("assets", f"no {ASSET}", "plan it again")
-    with np.load(io.BytesIO(assets[ASSET])) as archive:
-        return dict(archive)
+    return _unpacked(assets[ASSET])
+
+
+@functools.lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Arrays:
+    """The arrays of an npz file, read only: a world asks for them several times."""
+    with np.load(io.BytesIO(packed)) as archive:
+        arrays = dict(archive)
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays
 
 
 def _hull(points: Array, radius: float) -> Part:

@@ -35,11 +35,7 @@ def read(path: str, scale: float, field: str) -> Mesh:
     """
     import trimesh  # takes a second to import
 
-    file = Path(path)
-    if file.suffix.lower() not in FORMATS:
-        raise InputError(f"{field}.file", f"{file.name} is no mesh file", f"legal: {', '.join(FORMATS)}")
-    if not file.is_file():
-        raise InputError(f"{field}.file", f"no file {path}", "a path counts from the scene file's directory")
+    file = checked(path, field)
     try:
         loaded = trimesh.load_scene(file).to_mesh()
     except Exception as error:  # the readers raise what they like
@@ -56,6 +52,16 @@ def read(path: str, scale: float, field: str) -> Mesh:
     if extent < SMALLEST:
         raise InputError(f"{field}.scale", f"the mesh is {extent:.3g} m long", f"in metres? scale: {1000.0 * scale:g}")
     return mended(loaded, scale, f"{field}.file")
+
+
+def checked(path: str, field: str) -> Path:
+    """The path of a mesh file. Raises InputError where it is none."""
+    file = Path(path)
+    if file.suffix.lower() not in FORMATS:
+        raise InputError(f"{field}.file", f"{file.name} is no mesh file", f"legal: {', '.join(FORMATS)}")
+    if not file.is_file():
+        raise InputError(f"{field}.file", f"no file {path}", "a path counts from the scene file's directory")
+    return file
 
 
 def mended(loaded: Any, scale: float, field: str) -> Mesh:

@@ -81,14 +81,16 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
                 _, p_W, n_W, geom = _nearest(world.model, data, world.object_geoms, tip)
                 data.geom_xpos[tip] = motion.geom_xpos[j, s, tip]
                 contacts.p_O[j, s, a], contacts.n_O[j, s, a] = R_WO.T @ (p_W - p_WO), R_WO.T @ n_W
-                capsule = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
-                rim = next((part for part in round_edged if _on_rim(part, contacts.p_O[j, s, a])), None)
+                ring = world.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE and (
+                    float(world.model.geom_size[geom, 0]) in rims
+                )
+                # The ring's capsules stand out over side and faces a little, so that a ball beside the rim meets them first.
+                on = _of_ring if ring else _on_rim
+                rim = next((part for part in round_edged if on(part, contacts.p_O[j, s, a])), None)
                 if rim is not None and world.agents[a].tip_kind == BALL:
                     contacts.p_O[j, s, a], contacts.n_O[j, s, a] = _under(rim, motion.p_OT[j, s, a])
                 else:
-                    contacts.rim[j, s, a] = rim is not None or (
-                        capsule and float(world.model.geom_size[geom, 0]) in rims
-                    )
+                    contacts.rim[j, s, a] = rim is not None or ring
     return contacts
 
 
@@ -125,6 +127,11 @@ def _on_rim(part: Part, p_O: Array) -> bool:
     radius, half, _, rounding = part.size
     x, y, z = part.R_OP.T @ (p_O - part.p_OP)
     return bool(np.hypot(x, y) >= radius - rounding - SEAM and abs(z) >= half - rounding - SEAM)
+
+
+def _of_ring(part: Part, p_O: Array) -> bool:
+    """Whether a point lies on a cylinder's surface, as far as the capsules of its rim keep to that."""
+    return abs(float(solids.distance(part.kind, part.size, (p_O - part.p_OP)[None] @ part.R_OP)[0])) <= SEAM
 
 
 def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Finding]:

@@ -163,8 +163,16 @@ def diagnosis(answer: dict[str, Any]) -> None:
 
 
 def picture(answer: dict[str, Any]) -> None:
-    """File and size of the picture."""
-    print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
+    """File and size of the picture or the clip."""
+    if "clip" in answer:
+        print(f"{answer['clip']}: {answer['pictures']} pictures")
+    else:
+        print(f"{answer['picture']}: {answer['width']} × {answer['height']} px")
+
+
+def figure(answer: dict[str, Any]) -> None:
+    """File and panels of the figure."""
+    print(f"{answer['figure']}: {', '.join(answer['panels'])}")
 
 
 def page(answer: dict[str, Any]) -> None:

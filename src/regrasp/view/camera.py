@@ -69,6 +69,13 @@ def fit(forward: Array, centres: Array, radii: Array, width: int, height: int, m
     return Camera((middle - [0.0, 0.0, distance]) @ R, R, reach, width, height)
 
 
+def proportion(forward: Array, centres: Array, radii: Array) -> float:
+    """Height over width of what a camera looking along `forward` must show: spheres, as in `fit`."""
+    seen = centres @ axes(forward).T
+    extent = (seen + radii[:, None]).max(axis=0) - (seen - radii[:, None]).min(axis=0)
+    return float(extent[1] / max(extent[0], 1e-9))
+
+
 def candidates() -> Sequence[Array]:
     """Viewing directions worth trying for a scene in space: all round it, from moderate heights."""
     return [direction(a, e) for e in np.radians([22.0, 38.0, 55.0]) for a in np.radians(np.arange(-80.0, 280.0, 20.0))]

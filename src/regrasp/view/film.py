@@ -1,11 +1,7 @@
-"""What happened to a plan in physics: frames of an execution side by side with its curves, or a moving picture."""
+"""What happened to a plan in physics: frames of an execution side by side with its curves, and what a clip of it shows."""
 
 import itertools
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,15 +11,14 @@ from PIL import Image
 from regrasp.control.reference import Phases, reference
 from regrasp.errors import InputError
 from regrasp.plan import Plan
-from regrasp.processors import available
 from regrasp.scene.world import World, from_plan
 from regrasp.verify.execution import Execution
 from regrasp.verify.physics import PERIOD
 from regrasp.view import sheet
 from regrasp.view.frames import Arrow, State, choose, put_all
-from regrasp.view.ink import AGENT_FORCE, DARK, GREY, Ink, rgb
+from regrasp.view.ink import AGENT_FORCE, DARK
 from regrasp.view.plot import Panel
-from regrasp.view.show import HEIGHT, WIDTH, Show, colours, frame, set_up
+from regrasp.view.show import Show, colours, frame, set_up
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -33,13 +28,6 @@ PLANNED = "#4d4d4d"
 LEAST = 0.02
 """Forces below this part of the largest are not drawn."""
 PLOT = 250
-CLIP_WIDTH, CLIP_HEIGHT, BAR = 480, 420, 32
-DELAY = 70
-"""ms from one picture of a clip to the next: GIF counts in hundredths of a second."""
-LAST = 1500
-"""ms for which the last one stands."""
-MOST = 150
-"""Pictures of a clip; what is longer runs faster."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +42,26 @@ class Film:
     run: Execution
     pose: Array
     contact: Array
+
+    @property
+    def time(self) -> Array:
+        """Times (S,) of the records, s."""
+        return self.run.time
+
+    def state(self, row: int) -> State:
+        """The simulated world at a record, with the planned pose of the object and the forces, planned and measured."""
+        largest = float(np.linalg.norm(self.run.planned_W, axis=2).max())
+        return _state(self.show.world, self.show.plan, self.run, self.pose, self.contact, row, largest)
+
+    def words(self, row: int) -> str:
+        """Time and error of a record, and after the last what went wrong."""
+        run, (shift, turn) = self.run, self.run.off[row]
+        text = f"t = {run.time[row]:.2f} s, off by {1e3 * shift:.1f} mm {np.degrees(turn):.1f}°"
+        return f"{text}: {run.trouble.what}" if run.trouble and row == len(run.time) - 1 else text
+
+    def seen_by(self, show: Show) -> "Film":
+        """The same with another camera or stage."""
+        return replace(self, show=show)
 
 
 def prepare(plan: Plan, run: Execution) -> Film:
@@ -75,8 +83,8 @@ def prepare(plan: Plan, run: Execution) -> Film:
     measured = np.quantile(np.linalg.norm(run.force_W, axis=2).max(axis=1), 0.99)
     largest = float(max(measured, np.linalg.norm(run.planned_W, axis=2).max()))
     some = np.unique(np.linspace(0, len(rows) - 1, 8).astype(int))
-    states = [_state(world, run, pose, contact, int(row), largest) for row in some]
-    return Film(set_up(plan, world, states, largest, WIDTH, HEIGHT), run, pose, contact)
+    states = [_state(world, plan, run, pose, contact, int(row), largest) for row in some]
+    return Film(set_up(plan, world, states, largest), run, pose, contact)
 
 
 def replayed(film: Film, goal: Limits, tube: Limits, count: int = 4) -> Image.Image:
@@ -89,8 +97,8 @@ def replayed(film: Film, goal: Limits, tube: Limits, count: int = 4) -> Image.Im
     entries = [*sheet.forces(film.show, False)]
     entries += [replace(entries[0], words="planned force", colour=PLANNED, width=1.5)] if entries else []
     entries += [sheet.Entry("planned pose", DARK, width=1.2), sheet.WAY, sheet.GOAL]
-    frames = [frame(film.show, state(film, row)) for row in rows]
-    page, ink, top = sheet.lay(film.show, frames, [words(run, row) for row in rows], entries, PLOT)
+    frames = [frame(film.show, film.state(row)) for row in rows]
+    page, ink, top = sheet.lay(film.show, frames, [film.words(row) for row in rows], entries, PLOT)
     marks = run.time[rows]
     width = (ink.size[0] - 2 * sheet.GAP) / 3
     until, end = float(max(run.time[-1], 1e-3)), float(plan.time[-1, -1] - plan.time[0, 0])
@@ -111,36 +119,6 @@ def replayed(film: Film, goal: Limits, tube: Limits, count: int = 4) -> Image.Im
     return ink.on(page)
 
 
-def clip(film: Film, path: str | os.PathLike[str], speed: float | None = None, cores: int | None = None) -> int:
-    """Write an execution as an animated GIF; the number of its pictures.
-
-    speed: of the clip, as a multiple of real time; by default 1, or 2, 4 … where there would be too many pictures.
-    cores: processes at work, by default one on each core.
-    """
-    speed = speed or pace(film.run)
-    rows = ticks(film.run, speed)
-    camera = replace(film.show.camera, width=CLIP_WIDTH, height=CLIP_HEIGHT)
-    film = replace(film, show=replace(film.show, camera=camera, stage=replace(film.show.stage, subrays=2)))
-    workers = min(cores or available(), len(rows))
-    shares = [rows[first::workers] for first in range(workers)]
-    if workers == 1:
-        done = [_pictures(film, rows, speed)]
-    else:
-        with ProcessPoolExecutor(workers) as pool:
-            done = list(pool.map(_pictures, [film] * workers, shares, [speed] * workers))
-    pictures = [done[number % workers][number // workers] for number in range(len(rows))]
-    # One palette for all: what stands still keeps its colour, and only what moves is stored.
-    some = [np.asarray(pictures[i]) for i in np.unique(np.linspace(0, len(rows) - 1, 6).astype(int))]
-    accents = (255 * np.array([rgb(colour) for colour in (AGENT_FORCE, *colours(film.show.plan))])).round()
-    # The colours that carry meaning cover little of a picture: the palette's method would mix them with others.
-    some.append(np.repeat(accents.astype(np.uint8), 40 * CLIP_WIDTH, axis=0).reshape(-1, CLIP_WIDTH, 3))
-    palette = Image.fromarray(np.concatenate(some)).quantize(255, method=Image.Quantize.MEDIANCUT)
-    plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
-    delays = [DELAY] * (len(rows) - 1) + [LAST]
-    plain[0].save(Path(path), "GIF", save_all=True, append_images=plain[1:], duration=delays, loop=0, disposal=1)
-    return len(rows)
-
-
 def instants(film: Film, count: int) -> list[int]:
     """At most `count` records that tell the story of the plan as far as it went, the first and the last among them."""
     run, plan = film.run, film.show.plan
@@ -150,36 +128,7 @@ def instants(film: Film, count: int) -> list[int]:
     return sorted({*rows[:-1], len(run.time) - 1})
 
 
-def pace(run: Execution) -> float:
-    """The slowest of real time, twice, four times … as fast that needs no more than MOST pictures."""
-    speed = 1.0
-    while len(ticks(run, speed)) > MOST:
-        speed *= 2
-    return speed
-
-
-def ticks(run: Execution, speed: float) -> list[int]:
-    """Records at which a clip's pictures are taken: every DELAY ms of the clip from the first, and the last."""
-    step = speed * DELAY / 1000
-    times = run.time[0] + step * np.arange(round((run.time[-1] - run.time[0]) / step) + 1)
-    rows = [int(row) for row in np.abs(run.time[:, None] - times).argmin(axis=0)]
-    return [*rows[:-1], len(run.time) - 1]
-
-
-def state(film: Film, row: int) -> State:
-    """The simulated world at a record, with the planned pose of the object and the forces, planned and measured."""
-    largest = float(np.linalg.norm(film.run.planned_W, axis=2).max())
-    return _state(film.show.world, film.run, film.pose, film.contact, row, largest)
-
-
-def words(run: Execution, row: int) -> str:
-    """Time and error of a record, and after the last what went wrong."""
-    shift, turn = run.off[row]
-    text = f"t = {run.time[row]:.2f} s, off by {1e3 * shift:.1f} mm {np.degrees(turn):.1f}°"
-    return f"{text}: {run.trouble.what}" if run.trouble and row == len(run.time) - 1 else text
-
-
-def _state(world: World, run: Execution, pose: Array, contact: Array, row: int, largest: float) -> State:
+def _state(world: World, plan: Plan, run: Execution, pose: Array, contact: Array, row: int, largest: float) -> State:
     data = mujoco.MjData(world.model)
     put_all(world, run.qpos[row], data)
     arrows = []
@@ -189,7 +138,10 @@ def _state(world: World, run: Execution, pose: Array, contact: Array, row: int, 
     for agent, f in zip(world.agents, run.force_W[row], strict=True):
         if np.linalg.norm(f) > LEAST * largest:
             arrows.append(Arrow(_touch(world, data, agent.tip_geoms), f, AGENT_FORCE))
-    return State(run.qpos[row], int(run.interval[row]), tuple(arrows), planned=pose[row])
+    interval = int(run.interval[row])
+    begin, end = plan.time[interval, [0, -1]] - plan.time[0, 0]
+    part = float(np.clip((run.time[row] - begin) / (end - begin), 0.0, 1.0))
+    return State(run.qpos[row], interval, part, tuple(arrows), planned=pose[row])
 
 
 def _touch(world: World, data: mujoco.MjData, tip: NDArray[np.int64]) -> Array:
@@ -200,21 +152,6 @@ def _touch(world: World, data: mujoco.MjData, tip: NDArray[np.int64]) -> Array:
         if distance < best:
             best, point = distance, ends[3:].copy()
     return point
-
-
-def _pictures(film: Film, rows: Sequence[int], speed: float) -> list[Image.Image]:
-    """A clip's pictures: the frame, and a bar below it with time and error."""
-    made = []
-    for row in rows:
-        page = Image.new("RGB", (CLIP_WIDTH, CLIP_HEIGHT + BAR), "white")
-        page.paste(frame(film.show, state(film, row)), (0, 0))
-        ink = Ink(*page.size)
-        middle = CLIP_HEIGHT + BAR / 2
-        ink.text(np.array([10, middle]), words(film.run, row), 15, anchor="lm")
-        if speed != 1.0:
-            ink.text(np.array([CLIP_WIDTH - 10, middle]), f"{speed:g}×", 15, GREY, anchor="rm", bold=True)
-        made.append(ink.on(page))
-    return made
 
 
 def _panel(column: int, width: float, top: float, until: float, largest: float) -> Panel:

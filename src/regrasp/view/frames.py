@@ -33,11 +33,12 @@ class Arrow:
 
 @dataclass(frozen=True)
 class State:
-    """What one frame shows: the model's qpos in an interval of the plan, forces, ways (n, 3) of tips through the interval,
-    and, where the object may be elsewhere, its planned pose (7,)."""
+    """What one frame shows: the model's qpos in an interval of the plan, `part` (0 … 1) of it gone by, forces, ways (n, 3)
+    of tips through the interval, and, where the object may be elsewhere, its planned pose (7,)."""
 
     qpos: Array
     interval: int
+    part: float
     arrows: tuple[Arrow, ...]
     ways: tuple[Array, ...] = ()
     planned: Array | None = None
@@ -68,17 +69,22 @@ def choose(plan: Plan, count: int, intervals: int | None = None) -> tuple[Instan
 def planned(world: World, plan: Plan, instant: Instant) -> State:
     """The plan's state at an instant."""
     data = mujoco.MjData(world.model)
-    ways = []
-    for agent in (
-        agent for agent, code in zip(world.agents, plan.V[instant.interval], strict=True) if code == RELOCATE
-    ):
-        way = []
-        for m in range(plan.time.shape[1]):
-            put(world, plan, Instant(instant.interval, m), data)
-            way.append(data.geom_xpos[agent.tip_geom].copy())
-        ways.append(np.array(way))
     put(world, plan, instant, data)
-    return State(data.qpos.copy(), instant.interval, _arrows(plan, instant), tuple(ways))
+    part = instant.sample / (plan.time.shape[1] - 1)
+    return State(data.qpos.copy(), instant.interval, part, _arrows(plan, instant), ways(world, plan, instant.interval))
+
+
+def ways(world: World, plan: Plan, interval: int) -> tuple[Array, ...]:
+    """Ways (M, 3), W, of the tips that relocate in an interval."""
+    moving = [a.tip_geom for a, code in zip(world.agents, plan.V[interval], strict=True) if code == RELOCATE]
+    if not moving:
+        return ()
+    data = mujoco.MjData(world.model)
+    points = []
+    for m in range(plan.time.shape[1]):
+        put(world, plan, Instant(interval, m), data)
+        points.append(data.geom_xpos[moving].copy())
+    return tuple(np.stack(points, axis=1))
 
 
 def put(world: World, plan: Plan, instant: Instant, data: mujoco.MjData) -> None:

@@ -57,13 +57,44 @@ def shapes(model: mujoco.MjModel, data: mujoco.MjData, groups: Sequence[int]) ->
     )  # fmt: skip
 
 
+BUNDLE = 64
+"""Rays next to one another that are sorted out together."""
+
+
 @heap
 def cast(shapes: Shapes, origin: Array, rays: Array, geom: Ids, distance: Array, normal: Array) -> None:
     """First hits of unit rays (n, 3) from `origin`, W: geom (n,) or −1, distance (n,) in m or inf, normal (n, 3)."""
     away, start = from_point(shapes, origin)
-    room = np.empty((2, 3))
-    for ray in range(len(rays)):
-        geom[ray], distance[ray] = first(shapes, away, start, rays[ray], room, normal[ray])
+    for begin in range(0, len(rays), BUNDLE):
+        end = min(begin + BUNDLE, len(rays))
+        first(shapes, away, start, rays[begin:end], geom[begin:end], distance[begin:end], normal[begin:end])
+
+
+@heap
+def near(shapes: Shapes, away: Array, rays: Array, among: Ids) -> int:
+    """How many shapes some of the unit rays (n, 3) may hit; their indices are written to `among`, which has room for all.
+
+    A shape counts unless its bounding sphere is outside the cone about all rays.
+    """
+    axis = np.zeros(3)
+    for r in range(len(rays)):
+        for c in range(3):
+            axis[c] += rays[r, c]
+    axis /= math.sqrt(dot(axis, axis))
+    least = 1.0
+    for r in range(len(rays)):
+        least = min(least, dot(axis, rays[r]))
+    wide = math.acos(max(least, -1.0)) + 1e-6
+    count = 0
+    for i in range(len(shapes.id)):
+        bound, far = shapes.bound[i], math.sqrt(dot(away[i], away[i]))
+        if 0.0 < bound < far:
+            apart = math.acos(max(min(dot(axis, away[i]) / far, 1.0), -1.0))
+            if apart > wide + math.asin(bound / far):
+                continue
+        among[count] = i
+        count += 1
+    return count
 
 
 @heap
@@ -75,37 +106,36 @@ def from_point(shapes: Shapes, origin: Array) -> tuple[Array, Array]:
     return away, start
 
 
-@kernel
-def first(shapes: Shapes, away: Array, start: Array, ray: Array, room: Array, normal: Array) -> tuple[int, float]:
-    """Geom (−1: none) and distance (m, inf) of the first hit of one unit ray from a point (see `from_point`); the normal
-    there, W, is written if there is one. room (2, 3): to work in."""
-    local, n = room[0], room[1]
-    dx, dy, dz = ray[0], ray[1], ray[2]
-    geom, distance = -1, np.inf
-    for i in range(len(shapes.id)):
-        if shapes.bound[i] > 0.0:
-            x, y, z = away[i, 0], away[i, 1], away[i, 2]
-            along = x * dx + y * dy + z * dz
-            if x * x + y * y + z * z - along * along > shapes.bound[i] ** 2:
-                continue
-            if along - shapes.bound[i] > distance:
-                continue
-        R = shapes.R
-        for c in range(3):
-            local[c] = R[i, 0, c] * dx + R[i, 1, c] * dy + R[i, 2, c] * dz
-        t = _hit(shapes, i, start[i], local, n)
-        if 0.0 < t < distance:
-            geom, distance = shapes.id[i], t
-            length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+@heap
+def first(shapes: Shapes, away: Array, start: Array, rays: Array, geom: Ids, distance: Array, normal: Array) -> None:
+    """`cast` for one bundle from a point of which `from_point` says away and start. Shape after shape, as handing the
+    shapes over for every ray would take longer than its hits."""
+    among, local, n = np.empty(len(shapes.id), np.int64), np.empty(3), np.empty(3)
+    for r in range(len(rays)):
+        geom[r], distance[r] = -1, np.inf
+    for i in among[: near(shapes, away, rays, among)]:
+        kind, size, R, o, bound = shapes.kind[i], shapes.size[i], shapes.R[i], start[i], shapes.bound[i]
+        triangles = shapes.triangles[shapes.first[i] : shapes.last[i]]
+        x, y, z = away[i, 0], away[i, 1], away[i, 2]
+        for r in range(len(rays)):
+            dx, dy, dz = rays[r, 0], rays[r, 1], rays[r, 2]
+            if bound > 0.0:
+                along = x * dx + y * dy + z * dz
+                if x * x + y * y + z * z - along * along > bound * bound or along - bound > distance[r]:
+                    continue
             for c in range(3):
-                normal[c] = (R[i, c, 0] * n[0] + R[i, c, 1] * n[1] + R[i, c, 2] * n[2]) / length
-    return geom, distance
+                local[c] = R[0, c] * dx + R[1, c] * dy + R[2, c] * dz
+            t = _hit(kind, size, triangles, o, local, n)
+            if 0.0 < t < distance[r]:
+                geom[r], distance[r] = shapes.id[i], t
+                length = math.sqrt(dot(n, n))
+                for c in range(3):
+                    normal[r, c] = (R[c, 0] * n[0] + R[c, 1] * n[1] + R[c, 2] * n[2]) / length
 
 
 @kernel
-def _hit(shapes: Shapes, i: int, o: Array, d: Array, n: Array) -> float:
-    """Distance along a ray (o, d) in the frame of geom i to its surface, inf for a miss; n: a normal of any length."""
-    kind, size = shapes.kind[i], shapes.size[i]
+def _hit(kind: int, size: Array, triangles: Array, o: Array, d: Array, n: Array) -> float:
+    """Distance along a ray (o, d) in a geom's frame to its surface, inf for a miss; n: a normal of any length."""
     if kind == PLANE:
         return _plane(size, o, d, n)
     if kind == SPHERE:
@@ -117,7 +147,7 @@ def _hit(shapes: Shapes, i: int, o: Array, d: Array, n: Array) -> float:
     if kind == BOX:
         return _box(size, o, d, n)
     if kind == MESH:
-        return _mesh(shapes.triangles[shapes.first[i] : shapes.last[i]], o, d, n)
+        return _mesh(triangles, o, d, n)
     return np.inf
 
 

@@ -9,7 +9,7 @@ from regrasp.plan import Plan
 from regrasp.scene.world import from_plan
 from regrasp.view import sheet, show, strip
 from regrasp.view.frames import Instant, choose, planned
-from regrasp.view.show import HEIGHT, WIDTH, Show
+from regrasp.view.show import Show
 
 
 def render(plan: Plan, count: int = 6) -> Image.Image:
@@ -33,7 +33,7 @@ def prepare(plan: Plan, instants: Sequence[Instant]) -> Show:
     world = from_plan(plan.scene, plan.xml, plan.assets)
     forces = np.concatenate([plan.force_W, plan.support_force_W], axis=2)
     largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-    return show.set_up(plan, world, [planned(world, plan, instant) for instant in instants], largest, WIDTH, HEIGHT)
+    return show.set_up(plan, world, [planned(world, plan, instant) for instant in instants], largest)
 
 
 def frame(shown: Show, instant: Instant) -> Image.Image:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.kernels.native import heap, kernel
+from regrasp.kernels.rotations import dot
 from regrasp.view.camera import Camera
-from regrasp.view.rays import Shapes, cast, first, from_point, shapes
+from regrasp.view.rays import BUNDLE, Shapes, cast, first, from_point, shapes
 
 Array = NDArray[np.float64]
 
@@ -132,40 +133,46 @@ def _paint(
     """Colours (n, 3) of what unit rays (n, 3) from the eye see. A floor without end fades into the background around
     what matters: the sphere (centre, radius)."""
     seen, lit = from_point(shapes, eye), from_point(shapes, light)
-    n, unused, p, down, room = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
-    for i in range(len(rays)):
-        ray = rays[i]
-        for c in range(3):
-            colour[i, c] = background[c]
-        id, distance = first(shapes, seen[0], seen[1], ray, room, n)
-        if id < 0:
-            continue
-        for c in range(3):
-            p[c] = eye[c] + distance * ray[c]
-        fade = 1.0
-        if look.plane[id]:
-            fade = min(max(1.6 - _apart(p, centre) / (2.5 * radius), 0.0), 1.0)
-            if fade == 0.0:
+    ids, distance, normals = np.empty(BUNDLE, np.int64), np.empty(BUNDLE), np.empty((BUNDLE, 3))
+    points, down, far, shown = np.empty((BUNDLE, 3)), np.empty((BUNDLE, 3)), np.empty(BUNDLE), np.empty(BUNDLE)
+    others, lit_at, unused = np.empty(BUNDLE, np.int64), np.empty(BUNDLE), np.empty((BUNDLE, 3))
+    for begin in range(0, len(rays), BUNDLE):
+        bundle = rays[begin : begin + BUNDLE]
+        size = len(bundle)
+        first(shapes, seen[0], seen[1], bundle, ids[:size], distance[:size], normals[:size])
+        for i in range(size):
+            shown[i] = 0.0 if ids[i] < 0 else 1.0
+            for c in range(3):
+                # From the light what hits nothing is looked for at the centre, as a direction is needed.
+                points[i, c] = eye[c] + distance[i] * bundle[i, c] if ids[i] >= 0 else centre[c]
+            if ids[i] >= 0 and look.plane[ids[i]]:
+                shown[i] = min(max(1.6 - _apart(points[i], centre) / (2.5 * radius), 0.0), 1.0)
+                if shown[i] == 0.0:
+                    points[i] = centre
+            far[i] = _apart(points[i], light)
+            for c in range(3):
+                down[i, c] = (points[i, c] - light[c]) / far[i]
+        if shadows:
+            first(shapes, lit[0], lit[1], down[:size], others[:size], lit_at[:size], unused[:size])
+        for i in range(size):
+            own = colour[begin + i]
+            for c in range(3):
+                own[c] = background[c]
+            if shown[i] == 0.0:
                 continue
-        facing = -(n[0] * ray[0] + n[1] * ray[1] + n[2] * ray[2])
-        side = math.copysign(1.0, facing)
-        far = _apart(p, light)
-        lambert = 0.0
-        for c in range(3):
-            n[c] *= side
-            down[c] = (p[c] - light[c]) / far
-            lambert -= n[c] * down[c]
-        lambert = min(max(lambert, 0.0), 1.0)
-        if shadows and lambert > 0.0:
-            _, lit_at = first(shapes, lit[0], lit[1], down, room, unused)
-            if lit_at < far - 2e-3 * radius:
+            id, n = ids[i], normals[i]
+            facing = -dot(n, bundle[i])
+            for c in range(3):
+                n[c] *= math.copysign(1.0, facing)
+            lambert = min(max(-dot(n, down[i]), 0.0), 1.0)
+            if shadows and lit_at[i] < far[i] - 2e-3 * radius:
                 lambert *= 0.35
-        strength = 0.40 + 0.16 * (0.5 + 0.5 * n[2]) + 0.14 * abs(facing) + 0.36 * lambert
-        if look.lined[id]:
-            strength *= 1.0 - 0.55 * _line(look.R[id], look.p[id], p, n, half_width)
-        for c in range(3):
-            own = look.colour[id, c] * strength
-            colour[i, c] = min(max(fade * own + (1.0 - fade) * background[c], 0.0), 1.0)
+            strength = 0.40 + 0.16 * (0.5 + 0.5 * n[2]) + 0.14 * abs(facing) + 0.36 * lambert
+            if look.lined[id]:
+                strength *= 1.0 - 0.55 * _line(look.R[id], look.p[id], points[i], n, half_width)
+            for c in range(3):
+                lit_colour = look.colour[id, c] * strength
+                own[c] = min(max(shown[i] * lit_colour + (1.0 - shown[i]) * background[c], 0.0), 1.0)
 
 
 @kernel

@@ -11,14 +11,15 @@ from PIL import Image
 
 from regrasp.plan import MOTIONS, OFF, Plan
 from regrasp.scene.world import World
-from regrasp.view.camera import Camera, candidates, fit
+from regrasp.view.camera import Camera
 from regrasp.view.frames import State, motion_words, put_all, put_object
+from regrasp.view.framing import best_view, framed, interest
 from regrasp.view.ink import AGENTS, DARK, GREY, Ink, chips, rgb
-from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, hits, picture, silhouette
+from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, picture, silhouette
 
 Array = NDArray[np.float64]
 
-WIDTH, HEIGHT = 640, 560
+WIDTH = 640
 OBJECT_COLOUR = np.array([0.84, 0.81, 0.76])
 STATIC_COLOUR = np.array([0.80, 0.81, 0.80])
 LONGEST = 1.1
@@ -36,8 +37,8 @@ class Show:
     force_scale: float
 
 
-def set_up(plan: Plan, world: World, states: Sequence[State], largest: float, width: int, height: int) -> Show:
-    """Colours, camera and scale of forces for these states of a plan's world; largest: force, N; px."""
+def set_up(plan: Plan, world: World, states: Sequence[State], largest: float) -> Show:
+    """Colours, camera and scale of forces for these states of a plan's world; largest: force, N."""
     model = copy.copy(world.model)
     colour = np.tile(STATIC_COLOUR, (model.ngeom, 1))
     marked = np.zeros(model.ngeom, bool)
@@ -58,13 +59,13 @@ def set_up(plan: Plan, world: World, states: Sequence[State], largest: float, wi
     model.geom_matid[:] = -1
     data = mujoco.MjData(model)
     scale = LONGEST * object_radius(world) / largest if largest > 0 else 0.0
-    centres, radii = _interest(world, states, data, scale)
+    centres, radii = interest(world, states, data, scale)
     middle = (centres.min(axis=0) + centres.max(axis=0)) / 2
     radius = float((np.linalg.norm(centres - middle, axis=1) + radii).max())
     flat = set(world.scene.freedoms) <= {"x", "z", "ry"}
     stage = Stage(model, colour, marked, middle, radius, flat)
-    forward = np.array([0.0, 1.0, 0.0]) if flat else _best_view(stage, world, states, data, centres, radii)
-    return Show(plan, world, stage, fit(forward, centres, radii, width, height), scale)
+    forward = np.array([0.0, 1.0, 0.0]) if flat else best_view(stage, world, states, data, centres, radii)
+    return Show(plan, world, stage, framed(forward, centres, radii, WIDTH), scale)
 
 
 def frame(show: Show, state: State) -> Image.Image:
@@ -102,48 +103,6 @@ def object_radius(world: World) -> float:
     """Of the object about its origin, m."""
     geoms = world.object_geoms
     return float((np.linalg.norm(world.model.geom_pos[geoms], axis=1) + world.model.geom_rbound[geoms]).max())
-
-
-def _interest(world: World, states: Sequence[State], data: mujoco.MjData, scale: float) -> tuple[Array, Array]:
-    """Spheres in W (centres (n, 3), radii (n,)) a picture must show: object, goal, agents' last bodies, arrows."""
-    radius = 1.15 * object_radius(world)
-    centres, radii = [np.array(world.scene.goal.pose.p)], [radius]
-    for state in states:
-        put_all(world, state.qpos, data)
-        centres.append(data.xpos[world.object_body].copy())
-        radii.append(radius)
-        for agent in world.agents:
-            for geom in agent.geoms[world.model.geom_bodyid[agent.geoms] == agent.tip_body]:
-                centres.append(data.geom_xpos[geom].copy())
-                radii.append(float(world.model.geom_rbound[geom]))
-        for arrow in state.arrows:
-            centres.append(arrow.head - scale * arrow.force)
-            radii.append(0.1 * radius)
-    return np.array(centres), np.array(radii)
-
-
-def _best_view(
-    stage: Stage, world: World, states: Sequence[State], data: mujoco.MjData, centres: Array, radii: Array
-) -> Array:
-    """The candidate direction that hides least: of the tip seen worst, of the tips together, and of the object."""
-    tips = np.array([agent.tip_geom for agent in world.agents])
-
-    def score(forward: Array) -> float:
-        camera = fit(forward, centres, radii, WIDTH // 8, HEIGHT // 8)
-        y, x = np.mgrid[0 : camera.height, 0 : camera.width]
-        rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
-        total = 0.0
-        for state in states:
-            put_all(world, state.qpos, data)
-            geom, _, _ = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
-            seen = np.array([np.sum(geom == tip) for tip in tips], dtype=float)
-            size = camera.pixel_size(float(np.linalg.norm(stage.centre - camera.eye)))
-            whole = np.pi * (stage.model.geom_size[tips, 0] / size) ** 2
-            shares = np.minimum(seen / whole, 1.0)
-            total += 1.5 * shares.min() + shares.mean() + np.sum(np.isin(geom, world.object_geoms)) / len(geom) * 4
-        return total
-
-    return max(candidates(), key=score)
 
 
 def _tint(image: Array, inside: NDArray[np.bool_]) -> None:

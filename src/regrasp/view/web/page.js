@@ -148,7 +148,7 @@ class Page {
     const violations = story.violations(), verdict = $("verdict");
     verdict.className = !certificate ? "waiting" : certificate.passed ? "passed" : "refused";
     verdict.textContent = !certificate ? (story.draft ? "being planned" : "being checked…")
-      : certificate.passed ? `✓ certified: ${certificate.findings.length} findings` : `✗ refused: ${violations.length} violation${violations.length === 1 ? "" : "s"}`;
+      : certificate.passed ? `✓ certified: ${certificate.findings.length} points measured` : `✗ refused: ${violations.length} violation${violations.length === 1 ? "" : "s"}`;
     const number = (v) => (v === null ? "not a number" : +v.toPrecision(3));
     $("findings").innerHTML = violations.map((v) => `<li ${v.at === null ? "" : `data-at="${v.at}"`}><b>${escaped(v.name)}</b> ${escaped(v.who)}
       <span>${escaped(v.text)}: ${number(v.value)} exceeds ${number(v.tolerance)} ${escaped(v.unit)}</span>
