@@ -12,7 +12,7 @@ from regrasp.scene.load import load
 
 
 def test_one_finger_breaks_contact_and_two_hold_on_with_the_table() -> None:
-    """Some finger may retire half-way through one of three annealed motions: the others and the table still balance the ball."""
+    """Some finger may retire half-way through an annealed motion, and the two others with the table still balance the ball."""
     settings = Settings()
     task = prepare(load("fig2-planar"), settings)
     rng = np.random.default_rng(0)
