@@ -13,7 +13,7 @@ from regrasp.view import strip
 from regrasp.view.clearances import KINDS, clearances
 from regrasp.view.figure import FAR, PANELS, figure, save
 from regrasp.view.frames import Instant, put
-from regrasp.view.show import object_radius
+from regrasp.view.viewpoint import object_radius
 
 
 def curves(axes) -> dict[str, np.ndarray]:

@@ -18,7 +18,8 @@ from regrasp.scene.world import World, from_plan
 from regrasp.view import strip
 from regrasp.view.clearances import clearances
 from regrasp.view.ink import DARK, SUPPORT_FORCE, rgb
-from regrasp.view.show import colours, object_radius
+from regrasp.view.show import colours
+from regrasp.view.viewpoint import object_radius
 
 PANELS = ("V", "energy", "forces", "joints", "clearances")
 SUFFIXES = (".pdf", ".svg", ".png")

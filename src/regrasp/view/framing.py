@@ -1,4 +1,4 @@
-"""What a picture must show, and the place from which it shows most of it."""
+"""What a picture must show, and how large it has to be for that."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from regrasp.scene.world import World
-from regrasp.view.camera import Camera, candidates, fit, proportion
+from regrasp.view.camera import Camera, fit, proportion
 from regrasp.view.frames import State, put_all, put_object
-from regrasp.view.shading import DRAWN, OBJECT, Stage, hits
 
 Array = NDArray[np.float64]
 
@@ -17,10 +16,6 @@ LOWEST, HIGHEST = 0.5, 0.875
 """Height of a picture over its width, at least and at most: as what it shows needs."""
 ROOM = 0.6
 """Around what a picture shows, for the words beside the tips, in radii of tips."""
-SMALL = 80
-"""Width of the images that views are chosen by, px."""
-LEGIBLE = 8.0
-"""Pixels of a tip in these, from which on it counts whole."""
 
 
 def interest(world: World, states: Sequence[State], data: mujoco.MjData, scale: float) -> tuple[Array, Array]:
@@ -56,37 +51,3 @@ def framed(forward: Array, centres: Array, radii: Array, width: int) -> Camera:
     """The camera along `forward` whose image is as high as it needs to be; an even number of px, as films want it."""
     part = min(max(proportion(forward, centres, radii), LOWEST), HIGHEST)
     return fit(forward, centres, radii, width, 2 * round(part * width / 2))
-
-
-def best_view(
-    stage: Stage, world: World, states: Sequence[State], data: mujoco.MjData, centres: Array, radii: Array
-) -> Array:
-    """The candidate direction that hides least: of the tip seen worst, of the tips together, and of the object.
-
-    Tips count less the fewer pixels they have: of a large robot's nobody sees which side they are on.
-    """
-    tips = np.array([agent.tip_geom for agent in world.agents])
-
-    def seen(forward: Array) -> tuple[float, float]:
-        """How well the tips are seen, and the object's part of the image, summed over the states."""
-        camera = framed(forward, centres, radii, SMALL)
-        y, x = np.mgrid[0 : camera.height, 0 : camera.width]
-        rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1) + 0.5)
-        whole = np.pi * (stage.model.geom_size[tips, 0] / camera.pixel_size(_distance(stage, camera))) ** 2
-        told, of_object = 0.0, 0.0
-        for state in states:
-            put_all(world, state.qpos, data)
-            geom, _, _ = hits(stage, data, camera.eye, rays, (DRAWN, OBJECT))
-            shares = np.minimum(np.array([np.sum(geom == tip) for tip in tips]) / whole, 1.0)
-            told += min(float(whole.mean()) / LEGIBLE, 1.0) * float(1.5 * shares.min() + shares.mean())
-            of_object += float(np.isin(geom, world.object_geoms).mean())
-        return told, of_object
-
-    directions = candidates()
-    told, of_object = np.array([seen(forward) for forward in directions]).T
-    score = told + len(states) * of_object / max(float(of_object.max()), 1e-9)
-    return directions[int(score.argmax())]
-
-
-def _distance(stage: Stage, camera: Camera) -> float:
-    return float(np.linalg.norm(stage.centre - camera.eye))

@@ -13,17 +13,16 @@ from regrasp.plan import MOTIONS, OFF, Plan
 from regrasp.scene.world import World
 from regrasp.view.camera import Camera
 from regrasp.view.frames import State, motion_words, put_all, put_object
-from regrasp.view.framing import best_view, framed, interest
+from regrasp.view.framing import framed, interest
 from regrasp.view.ink import AGENTS, DARK, GREY, Ink, chips, rgb
 from regrasp.view.shading import DRAWN, HIDDEN, OBJECT, Stage, picture, silhouette
+from regrasp.view.viewpoint import LONGEST, object_radius, towards
 
 Array = NDArray[np.float64]
 
 WIDTH = 640
 OBJECT_COLOUR = np.array([0.84, 0.81, 0.76])
 STATIC_COLOUR = np.array([0.80, 0.81, 0.80])
-LONGEST = 1.1
-"""Length of the arrow of the largest force, in the object's bounding radii."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def set_up(plan: Plan, world: World, states: Sequence[State], largest: float) ->
     radius = float((np.linalg.norm(centres - middle, axis=1) + radii).max())
     flat = set(world.scene.freedoms) <= {"x", "z", "ry"}
     stage = Stage(model, colour, marked, middle, radius, flat)
-    forward = np.array([0.0, 1.0, 0.0]) if flat else best_view(stage, world, states, data, centres, radii)
+    forward = -towards(world, [state.qpos for state in states])
     return Show(plan, world, stage, framed(forward, centres, radii, WIDTH), scale)
 
 
@@ -97,12 +96,6 @@ def frame(show: Show, state: State) -> Image.Image:
 def colours(plan: Plan) -> list[str]:
     """The agents' own colours."""
     return [AGENTS[i % len(AGENTS)] for i in range(len(plan.agent_names))]
-
-
-def object_radius(world: World) -> float:
-    """Of the object about its origin, m."""
-    geoms = world.object_geoms
-    return float((np.linalg.norm(world.model.geom_pos[geoms], axis=1) + world.model.geom_rbound[geoms]).max())
 
 
 def _tint(image: Array, inside: NDArray[np.bool_]) -> None:

@@ -21,7 +21,7 @@ from regrasp.view.bodies import Bodies, bodies, poses
 from regrasp.view.frames import choose
 from regrasp.view.ink import AGENT_FORCE, AGENTS, SUPPORT_FORCE
 from regrasp.view.margins import friction_margin, joint_margin
-from regrasp.view.viewpoint import object_radius, outlook
+from regrasp.view.viewpoint import LONGEST, object_radius, outlook
 
 if TYPE_CHECKING:
     from regrasp.verify.execution import Execution
@@ -32,8 +32,6 @@ Array = NDArray[np.float64]
 COLOURS = {"stay": strip.STAY, "roll": strip.ROLL, "slide": strip.SLIP, "relocate": strip.MOVE, "off": strip.FREE,
            "force": AGENT_FORCE, "support": SUPPORT_FORCE}  # fmt: skip
 """Of contact motions and of forces."""
-LONGEST = 1.1
-"""Length of the arrow of the largest force, in the object's bounding radii."""
 RECORDS = 1500
 """Records of an execution that a page has at most."""
 
