@@ -176,7 +176,7 @@ def test_the_gallery_has_every_built_in_scene_and_what_it_shows_is_small():
         with Image.open(DOCS / "img" / f"{name}.png") as picture:
             assert picture.width >= gallery.WIDTH
     for file in (DOCS / "img").iterdir():
-        assert file.stat().st_size < (150e3 if file.suffix == ".png" else 1e6), file
+        assert file.stat().st_size < (150e3 if file.suffix == ".png" else 2**20), file
 
 
 class Requests(HTMLParser):
