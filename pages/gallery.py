@@ -18,6 +18,7 @@ from regrasp.settings import read
 from regrasp.verify.check import check
 from regrasp.view import clip, planned
 from regrasp.view.figure import figure, save
+from regrasp.view.ink import AGENT_FORCE, AGENTS, SUPPORT_FORCE
 from regrasp.view.render import render
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -40,7 +41,7 @@ def make(name: str) -> dict[str, Any]:
     plan = plan_scene(scene, SEED, read(Settings, scene.planner)).plan
     if plan is None:
         return {"planned": False}
-    small(render(plan), 96).save(DOCS / "img" / f"{name}.png", optimize=True)
+    small(render(plan)).save(DOCS / "img" / f"{name}.png", optimize=True)
     reel = planned.prepare(plan)
     clip.write(reel, DOCS / "img" / f"{name}.mp4")
     if name == FIRST:
@@ -53,14 +54,15 @@ def small_figure(plan: Plan, path: Path) -> None:
     """The figure of a plan."""
     save(figure(plan), path)
     with Image.open(path) as whole:
-        few = small(whole.convert("RGB"), 48)
+        few = small(whole.convert("RGB"))
     few.save(path, optimize=True)
 
 
-def small(picture: Image.Image, colours: int) -> Image.Image:
+def small(picture: Image.Image) -> Image.Image:
     """A picture as wide as a page, in few colours: a repository keeps it for ever."""
     size = (WIDTH, round(picture.height * WIDTH / picture.width))
-    return picture.resize(size, Image.Resampling.LANCZOS).quantize(colours, dither=Image.Dither.NONE)
+    fitted = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    return clip.in_few_colours([fitted], (AGENT_FORCE, SUPPORT_FORCE, *AGENTS))[0]
 
 
 def facts(plan: Plan) -> dict[str, Any]:

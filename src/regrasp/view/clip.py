@@ -113,14 +113,20 @@ def _pictures(reel: Reel, rows: Sequence[int], speed: float) -> list[Image.Image
     return made
 
 
-def _gif(pictures: Sequence[Image.Image], accents: Sequence[str], form: Form, path: Path) -> None:
-    """One palette for all: what stands still keeps its colour, and only what moves is stored."""
+def in_few_colours(pictures: Sequence[Image.Image], accents: Sequence[str]) -> list[Image.Image]:
+    """Pictures of one size with one palette for all, in which the accents are."""
+    width = pictures[0].width
     some = [np.asarray(pictures[i]) for i in np.unique(np.linspace(0, len(pictures) - 1, 6).astype(int))]
     signs = (255 * np.array([rgb(colour) for colour in accents])).round()
     # The colours that carry meaning cover little of a picture: the palette's method would mix them with others.
-    some.append(np.repeat(signs.astype(np.uint8), 40 * form.width, axis=0).reshape(-1, form.width, 3))
+    some.append(np.repeat(signs.astype(np.uint8), 40 * width, axis=0).reshape(-1, width, 3))
     palette = Image.fromarray(np.concatenate(some)).quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
-    plain = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
+    return [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
+
+
+def _gif(pictures: Sequence[Image.Image], accents: Sequence[str], form: Form, path: Path) -> None:
+    """What stands still keeps its colour, and only what moves is stored."""
+    plain = in_few_colours(pictures, accents)
     delays = [form.delay] * (len(plain) - 1) + [LAST]
     plain[0].save(path, "GIF", save_all=True, append_images=plain[1:], duration=delays, loop=0, disposal=1)
 
