@@ -70,11 +70,14 @@ def sample_hits(
     near which its tip may be close to the object. R_B, p_B: static bodies, then the arms' and the object's, which are moved.
     """
     m, k, first, last = q.shape[0] - 1, len(holds), moving_row(hand), object_row(hand)
-    geoms = np.max(np.diff(hand.geom_start))
+    # Without np.max and np.diff, for whose sake numba would load SciPy's linear algebra.
+    geoms, joints = 0, 0
+    for i in range(k):
+        geoms = max(geoms, hand.geom_start[i + 1] - hand.geom_start[i])
+        joints = max(joints, hand.chains.start[i + 1] - hand.chains.start[i])
     R_G, p_G = np.empty((k, geoms, 3, 3)), np.empty((k, geoms, 3))
     obj, obj_p = np.zeros((1, 3, 3)), np.zeros((1, 3))
     rise = m // 4
-    joints = np.max(np.diff(hand.chains.start))
     R_WL, p_WL = np.empty((joints + 1, 3, 3)), np.empty((joints + 1, 3))
     for s in range(m + 1):
         obj[0], obj_p[0] = path.R_WO[j, s], path.p_WO[j, s]
