@@ -234,20 +234,25 @@ def _box(size: Array, o: Array, d: Array, n: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def _mesh(triangles: Array, o: Array, d: Array, n: Array) -> float:
-    """Möller and Trumbore 1997 on every triangle, either side."""
+    """Möller and Trumbore 1997 on every triangle, either side; in numbers, as small arrays cost more than all the rest."""
     best = np.inf
-    for corners in triangles:
-        e, f = corners[1] - corners[0], corners[2] - corners[0]
-        p = np.cross(d, f)
-        det = e @ p
+    dx, dy, dz = d[0], d[1], d[2]
+    for k in range(len(triangles)):
+        ax, ay, az = triangles[k, 0, 0], triangles[k, 0, 1], triangles[k, 0, 2]
+        ex, ey, ez = triangles[k, 1, 0] - ax, triangles[k, 1, 1] - ay, triangles[k, 1, 2] - az
+        fx, fy, fz = triangles[k, 2, 0] - ax, triangles[k, 2, 1] - ay, triangles[k, 2, 2] - az
+        px, py, pz = dy * fz - dz * fy, dz * fx - dx * fz, dx * fy - dy * fx
+        det = ex * px + ey * py + ez * pz
         if abs(det) < 1e-18:
             continue
-        s = o - corners[0]
-        u = (s @ p) / det
-        q = np.cross(s, e)
-        v = (d @ q) / det
-        t = (f @ q) / det
-        if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and 0.0 < t < best:
+        sx, sy, sz = o[0] - ax, o[1] - ay, o[2] - az
+        u = (sx * px + sy * py + sz * pz) / det
+        if u < 0.0 or u > 1.0:
+            continue
+        qx, qy, qz = sy * ez - sz * ey, sz * ex - sx * ez, sx * ey - sy * ex
+        v = (dx * qx + dy * qy + dz * qz) / det
+        t = (fx * qx + fy * qy + fz * qz) / det
+        if v >= 0.0 and u + v <= 1.0 and 0.0 < t < best:
             best = t
-            n[:] = np.cross(e, f)
+            n[0], n[1], n[2] = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
     return best
