@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import types
+import webbrowser
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import urlparse
@@ -25,7 +26,7 @@ from PIL import Image
 from pages import commands, fields, gallery
 from pages.__main__ import MADE
 from regrasp.cli import main
-from regrasp.commands import measuring
+from regrasp.commands import measuring, viewing
 from regrasp.control.controller import Control
 from regrasp.planner.task import Settings
 from regrasp.scene.load import Loader, builtin, validate
@@ -76,11 +77,13 @@ def run(tmp_path_factory) -> Runner:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    """Where examples are at hand, pictures small, clips short, and benchmarks that are not run."""
+    """Where examples are at hand, pictures small, clips short, pages served for a moment, and benchmarks that are not run."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(clip, "FORMS", {suffix: clip.Form(320, 100, 3) for suffix in clip.FORMS})
     monkeypatch.setattr(show, "WIDTH", 320)
+    monkeypatch.setattr(viewing, "_wait", lambda: None)
+    monkeypatch.setattr(webbrowser, "open", lambda url: True)
     bench = types.SimpleNamespace(**{name: lambda seeds: {} for name in measuring.BENCHES})
     monkeypatch.setattr(measuring, "importlib", types.SimpleNamespace(import_module=lambda name: bench))
     return tmp_path
