@@ -32,12 +32,16 @@ def test_the_plan_is_certified(plan: Plan) -> None:
 
 
 def test_its_own_servos_move_it(plan: Plan) -> None:
-    """No drive is added, and the gains that the controller counts on are those of the file."""
+    """No drive is added: its servos are set to the gains that the controller counts on, and keep their limits."""
     bench = Bench(plan, control_of(plan))
     physics = Physics(bench.world, nominal(bench.world), bench.gains)
     assert physics.model.nu == len(plan.joint_names) == 9
-    np.testing.assert_allclose(physics.drives.gains.K, 500.0)
-    np.testing.assert_allclose(physics.drives.gains.D, 25.0)
+    servo = physics.drives.actuator
+    np.testing.assert_allclose(-physics.model.actuator_biasprm[servo, 1], bench.gains.K)
+    np.testing.assert_allclose(-physics.model.actuator_biasprm[servo, 2], bench.gains.D)
+    np.testing.assert_array_equal(
+        physics.model.actuator_forcerange[servo], bench.world.model.actuator_forcerange[servo]
+    )
 
 
 def test_physics_takes_the_object_to_the_goal(plan: Plan) -> None:
