@@ -68,30 +68,19 @@ def scene_of(name: str, shift: Array, turn: Array, folder: Path) -> Scene:
     shape = dict(OBJECTS[name])
     if "file" in shape:
         shape["file"] = str(folder / shape["file"])
-    return in_hand(f"goals-{name}", shape, np.zeros(3), np.eye(3), shift, turn, TOLERANCE)
-
-
-def in_hand(
-    name: str, shape: dict[str, Any], middle: Array, R_WO: Array, shift: Array, turn: Array, tolerance: dict[str, float]
-) -> Scene:
-    """The object turned by R_WO (3, 3), its point `middle` (3,), O, at START, to be moved by a shift and a turn about it."""
-    R_goal = Rotation.from_rotvec(turn).as_matrix() @ R_WO
-    p_start, p_goal = np.array(START) - R_WO @ middle, np.array(START) + shift - R_goal @ middle
+    quaternion = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
     return validate({
-        "name": name,
+        "name": f"goals-{name}",
         "model": {"hand": "allegro"},
         "object": shape,
         "agents": [{"name": finger} for finger in HOLD],
         "max_force": 5.0,
-        "start": {"pose": pose_of(R_WO, p_start)},
-        "goal": {"pose": pose_of(R_goal, p_goal), "tolerance": tolerance},
+        "start": {"pose": {"position": list(START)}},
+        "goal": {
+            "pose": {"position": (np.array(START) + shift).tolist(), "quaternion": quaternion.tolist()},
+            "tolerance": TOLERANCE,
+        },
     })  # fmt: skip
-
-
-def pose_of(R: Array, p: Array) -> dict[str, list[float]]:
-    """A pose as a scene file has it."""
-    quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    return {"position": p.tolist(), "quaternion": quaternion.tolist()}
 
 
 def goals(seeds: int) -> dict[str, Any]:

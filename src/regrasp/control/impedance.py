@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.scene.world import Agent, Arm, World
+from regrasp.scene.world import Agent, Limb, World
 from regrasp.settings import demand
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def gains(world: World, joints: Array, settings: Impedance, period: float) -> Ga
     return Gains(*out)
 
 
-def _levers(world: World, data: mujoco.MjData, limb: Agent | Arm, settings: Impedance) -> tuple[Array, Array]:
+def _levers(world: World, data: mujoco.MjData, limb: Limb, settings: Impedance) -> tuple[Array, Array]:
     """Σ l² over the tips that a limb's free joints move, by which their stiffness grows, and the mean of l², (n_free,)."""
     model, C, free = world.model, limb.coupling.matrix, limb.coupling.free
     hinge = model.jnt_type[limb.joints[free]] == int(mujoco.mjtJoint.mjJNT_HINGE)

@@ -100,6 +100,13 @@ def arm_joints(task: Task, grasp: Grasp | None) -> Array:
     return task.hand.arm_home if grasp is None else grasp.arm_q
 
 
+def blocked(stage: str) -> Failure:
+    """No arm has a way along the object's."""
+    return Failure(
+        "collision", stage, "an arm", "cannot go with the object, nor stay", "more room, or another pose of it"
+    )
+
+
 def _nominal(task: Task, R: Array, p: Array, n: int, grasp: Grasp | None) -> list[Path]:
     clearance = task.settings.local.energy.clearance
     return [_path(task, R, p, n, q) for q in ways(task.hand, R, p, arm_joints(task, grasp), clearance)]
@@ -245,9 +252,7 @@ def without_search(
     """
     stage, wholes = f"segment {first + 1}", paths_of(task, arcs[:1], grasp)
     if not wholes:
-        return Failure(
-            "collision", stage, "an arm", "cannot go with the object, nor stay", "more room, or another pose of it"
-        )
+        return blocked(stage)
     carried, wandering = wholes[0].support_mode.shape[1] > 0, any(wanders(task.hand, i) for i in range(len(task.names)))
     off = task.off if first == 0 else ()
     idle = len(off) if grasp is None else int(np.sum(grasp.holds == 0))
@@ -373,8 +378,7 @@ def annealed(
             if result.failure is None or clock.up():
                 break
         if result is None:
-            blocked = Failure("collision", stage, "an arm", "cannot go with the object, nor stay", "more room")
-            return Planned(planned, grasp, ANNEALED, blocked)
+            return Planned(planned, grasp, ANNEALED, blocked(stage))
         planned.append(Segment(result.motion, result.energy))
         grasp = result.grasp
         if result.failure:

@@ -30,33 +30,42 @@ MAX_FORCE = 10.0
 
 
 @dataclass(frozen=True)
-class Agent:
-    """One finger or arm: an open chain of hinges and slides that ends in a tip.
+class Limb:
+    """An open chain of hinges and slides.
 
-    arm: which of the world's arms carries it, −1 for none; what moves this is not among its joints, bodies and geoms.
-    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
-    tip_size (4,): its surface, see `solids.kind`. joints: ids, base to tip; qpos, dofs: addresses of their values and
-    velocities; bodies: those it moves; geoms: its colliding geoms, the tip's included; lower, upper: joint range, ±inf
-    where unlimited; speed: rad/s or m/s; home: joint values at rest; coupling: which joints follow others; max_force: largest
-    normal force, N; friction: coefficient between tip and object. Arrays are (n,), n the number of joints.
+    joints: ids, base to tip; qpos, dofs: addresses of their values and velocities; geoms: its colliding geoms; lower, upper:
+    joint range, ±inf where unlimited; speed: rad/s or m/s; home: joint values at rest; coupling: which joints follow others.
+    Arrays are (n,), n the number of joints.
     """
 
     name: str
-    tip_geom: int
-    tip_geoms: Ids
-    tip_kind: int
-    tip_size: Array
-    tip_body: int
     joints: Ids
     qpos: Ids
     dofs: Ids
-    bodies: Ids
     geoms: Ids
     lower: Array
     upper: Array
     speed: Array
     home: Array
     coupling: Coupling
+
+
+@dataclass(frozen=True)
+class Agent(Limb):
+    """One finger or arm: a limb that ends in a tip, whose geoms are among its own.
+
+    arm: which of the world's arms carries it, −1 for none; what moves this is not among its joints, bodies and geoms.
+    tip_geom: the geom that has the tip's frame; tip_geoms: all that the tip is made of, that one first; tip_kind,
+    tip_size (4,): its surface, see `solids.kind`. bodies: those it moves; max_force: largest normal force, N; friction:
+    coefficient between tip and object.
+    """
+
+    tip_geom: int
+    tip_geoms: Ids
+    tip_kind: int
+    tip_size: Array
+    tip_body: int
+    bodies: Ids
     max_force: float
     friction: float
     arm: int
@@ -68,24 +77,14 @@ class Agent:
 
 
 @dataclass(frozen=True)
-class Arm:
+class Arm(Limb):
     """An arm that carries a hand: the hinges and slides that several agents share, which are its fingers.
 
-    name: of the body that the last of its joints moves; body: its id, the frame that its fingers stand in; geoms: its colliding
-    geoms, without the fingers'. All else as of an `Agent`.
+    name: of the body that the last of its joints moves; body: its id, the frame that its fingers stand in; geoms: without the
+    fingers'.
     """
 
-    name: str
     body: int
-    joints: Ids
-    qpos: Ids
-    dofs: Ids
-    geoms: Ids
-    lower: Array
-    upper: Array
-    speed: Array
-    home: Array
-    coupling: Coupling
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class World:
         return grid_of(self.scene.object, self.assets)
 
     @property
-    def limbs(self) -> tuple[Agent | Arm, ...]:
+    def limbs(self) -> tuple[Limb, ...]:
         """All that has joints, in the order of a plan's joints: the agents, then the arms that carry them."""
         return (*self.agents, *self.arms)
 
@@ -298,13 +297,18 @@ def _joints(model: mujoco.MjModel, body: int) -> list[int]:
     return [int(model.body_jntadr[b]) + k for b in reversed(chain) for k in range(model.body_jntnum[b])]
 
 
+def _range(model: mujoco.MjModel, joints: Ids) -> tuple[Array, Array]:
+    """lower, upper (n,) of joints, ±inf where unlimited."""
+    limited = model.jnt_limited[joints] != 0
+    lower, upper = model.jnt_range[joints].T
+    return np.where(limited, lower, -np.inf), np.where(limited, upper, np.inf)
+
+
 def _arm(model: mujoco.MjModel, shared: list[int]) -> Arm:
     joints = np.array(shared, dtype=np.int64)
-    limited = model.jnt_limited[joints] != 0
+    lower, upper = _range(model, joints)
     moved = np.unique(model.body_weldid[model.jnt_bodyid[joints]])
     colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
-    upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
     body, coupled = int(model.jnt_bodyid[joints[-1]]), coupling(model, joints)
     return Arm(
         name=model.body(body).name,
@@ -336,9 +340,7 @@ def _agent(
     shared = arms[arm].joints if arm >= 0 else np.zeros(0, np.int64)
     joints = np.array([j for j in _joints(model, tip_body) if j not in shared], dtype=np.int64)
     moved = np.isin(model.body_weldid, model.body_weldid[model.jnt_bodyid[joints]])
-    limited = model.jnt_limited[joints] != 0
-    lower = np.where(limited, model.jnt_range[joints, 0], -np.inf)
-    upper = np.where(limited, model.jnt_range[joints, 1], np.inf)
+    lower, upper = _range(model, joints)
     coupled = coupling(model, joints)
     least, most = coupled.narrowed(lower, upper)
     for i in np.flatnonzero(least > most):
