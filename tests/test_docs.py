@@ -6,6 +6,7 @@ test_benchmarks.py, targets of make are read by make.
 """
 
 import contextlib
+import functools
 import hashlib
 import io
 import re
@@ -112,13 +113,19 @@ def obey(arguments: list[str], run: Runner) -> None:
     if program == "make":
         assert subprocess.run(["make", "-n", *rest], cwd=ROOT, capture_output=True).returncode == 0, arguments
     elif rest[:2] == ["-m", "benchmarks"]:
-        told = subprocess.run([sys.executable, "-m", "benchmarks", "--help"], cwd=ROOT, capture_output=True, text=True)
-        assert all(word in told.stdout for word in rest if word.startswith("-") and word != "-m")
+        assert all(word in benchmarks_help() for word in rest if word.startswith("-") and word != "-m")
     else:
         assert program == "regrasp", arguments
         code, said = run(rest)
         # A plan that may take only so long may not be there yet on a busy machine.
         assert code == 0 or ("--time-limit" in rest and code == 1), (arguments, said)
+
+
+@functools.cache
+def benchmarks_help() -> str:
+    """What `python -m benchmarks --help` prints."""
+    command = [sys.executable, "-m", "benchmarks", "--help"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
 
 
 def console(text: str, run: Runner) -> None:

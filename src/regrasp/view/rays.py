@@ -70,21 +70,25 @@ def cast(shapes: Shapes, origin: Array, rays: Array, geom: Ids, distance: Array,
         first(shapes, away, start, rays[begin:end], geom[begin:end], distance[begin:end], normal[begin:end])
 
 
-@heap
-def near(shapes: Shapes, away: Array, rays: Array, among: Ids) -> int:
-    """How many shapes some of the unit rays (n, 3) may hit; their indices are written to `among`, which has room for all.
-
-    A shape counts unless its bounding sphere is outside the cone about all rays.
-    """
-    axis = np.zeros(3)
-    for r in range(len(rays)):
-        for c in range(3):
+@kernel
+def cone(rays: Array, axis: Array) -> float:
+    """Half opening angle of a cone that holds all unit rays (n, 3), rad; its axis is written."""
+    for c in range(3):
+        axis[c] = 0.0
+        for r in range(len(rays)):
             axis[c] += rays[r, c]
-    axis /= math.sqrt(dot(axis, axis))
+    length = math.sqrt(dot(axis, axis))
+    for c in range(3):
+        axis[c] /= length
     least = 1.0
     for r in range(len(rays)):
         least = min(least, dot(axis, rays[r]))
-    wide = math.acos(max(least, -1.0)) + 1e-6
+    return math.acos(max(least, -1.0)) + 1e-6
+
+
+@kernel
+def near(shapes: Shapes, away: Array, axis: Array, wide: float, among: Ids) -> int:
+    """How many shapes rays within a cone may hit, by their bounding spheres; their indices are written to `among`."""
     count = 0
     for i in range(len(shapes.id)):
         bound, far = shapes.bound[i], math.sqrt(dot(away[i], away[i]))
@@ -94,6 +98,31 @@ def near(shapes: Shapes, away: Array, rays: Array, among: Ids) -> int:
                 continue
         among[count] = i
         count += 1
+    return count
+
+
+@heap
+def facets(triangles: Array, o: Array, axis: Array, wide: float, chosen: Array) -> int:
+    """How many triangles (n, 3, 3) rays from o within a cone may hit; they are copied to `chosen`.
+
+    The triangle and o span a pyramid. No ray of the cone is inside if the axis is outside of one of its three sides by
+    more than the cone's half angle, which is less than a right angle.
+    """
+    sine, count = math.sin(wide) + 1e-12, 0
+    corner, side = np.empty((3, 3)), np.empty((3, 3))
+    for k in range(len(triangles)):
+        for i in range(3):
+            corner[i, 0], corner[i, 1], corner[i, 2] = minus(triangles[k, i], o)
+        for i in range(3):
+            side[i, 0], side[i, 1], side[i, 2] = cross(corner[i], corner[(i + 1) % 3])
+        inwards = math.copysign(1.0, dot(side[0], corner[2]))
+        hit = True
+        for i in range(3):
+            inside = inwards * dot(side[i], axis)
+            hit = hit and (inside >= 0.0 or inside * inside <= sine * sine * dot(side[i], side[i]))
+        if hit:
+            chosen[count] = triangles[k]
+            count += 1
     return count
 
 
@@ -110,12 +139,18 @@ def from_point(shapes: Shapes, origin: Array) -> tuple[Array, Array]:
 def first(shapes: Shapes, away: Array, start: Array, rays: Array, geom: Ids, distance: Array, normal: Array) -> None:
     """`cast` for one bundle from a point of which `from_point` says away and start. Shape after shape, as handing the
     shapes over for every ray would take longer than its hits."""
-    among, local, n = np.empty(len(shapes.id), np.int64), np.empty(3), np.empty(3)
+    among, local, n, axis = np.empty(len(shapes.id), np.int64), np.empty(3), np.empty(3), np.empty(3)
+    chosen = np.empty((np.max(shapes.last - shapes.first) if len(shapes.id) else 0, 3, 3))
     for r in range(len(rays)):
         geom[r], distance[r] = -1, np.inf
-    for i in among[: near(shapes, away, rays, among)]:
+    wide = cone(rays, axis)
+    for i in among[: near(shapes, away, axis, wide, among)]:
         kind, size, R, o, bound = shapes.kind[i], shapes.size[i], shapes.R[i], start[i], shapes.bound[i]
-        triangles = shapes.triangles[shapes.first[i] : shapes.last[i]]
+        triangles = chosen[:0]
+        if kind == MESH:
+            for c in range(3):
+                local[c] = R[0, c] * axis[0] + R[1, c] * axis[1] + R[2, c] * axis[2]
+            triangles = chosen[: facets(shapes.triangles[shapes.first[i] : shapes.last[i]], o, local, wide, chosen)]
         x, y, z = away[i, 0], away[i, 1], away[i, 2]
         for r in range(len(rays)):
             dx, dy, dz = rays[r, 0], rays[r, 1], rays[r, 2]

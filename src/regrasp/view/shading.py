@@ -19,6 +19,9 @@ BACKGROUND = np.array([0.975, 0.975, 0.97])
 DRAWN, OBJECT, HIDDEN = 0, 1, 5
 """Geom groups of the model to be drawn: everything else, the object, and what is not to be seen."""
 
+TILE = 8
+"""Side of the squares that a picture is drawn in, px: as many rays as a bundle has."""
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -84,7 +87,10 @@ def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
     """The image (height, width, 3) in 0…1 of the model in the state of `data` (after mj_kinematics), edges smoothed."""
     y, x = np.mgrid[0 : camera.height, 0 : camera.width]
     centres = np.stack([x.ravel(), y.ravel()], axis=1) + 0.5
-    image = shade(stage, data, camera, centres).reshape(camera.height, camera.width, 3)
+    # Tile after tile, as rays next to one another meet the same shapes.
+    order = np.argsort((y // TILE * camera.width + x // TILE).ravel(), kind="stable")
+    image = np.empty((camera.height, camera.width, 3))
+    image.reshape(-1, 3)[order] = shade(stage, data, camera, centres[order])
     edge = np.zeros(image.shape[:2], bool)
     for axis in (0, 1):
         step = np.abs(np.diff(image, axis=axis)).max(axis=2) > 0.03
@@ -93,7 +99,7 @@ def picture(stage: Stage, data: mujoco.MjData, camera: Camera) -> Array:
         after = (second, slice(None)) if axis == 0 else (slice(None), second)
         edge[index] |= step
         edge[after] |= step
-    rough = np.flatnonzero(edge)
+    rough = order[edge.ravel()[order]]
     total = np.zeros((len(rough), 3))
     offsets = (np.arange(stage.subrays) + 0.5) / stage.subrays - 0.5
     for du in offsets:
