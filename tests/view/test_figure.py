@@ -90,7 +90,7 @@ def test_figures_are_whole_carry_their_fonts_and_are_the_same_every_time(home_pl
     plan = home_plan("fig3-puma3")
     for suffix in (".pdf", ".svg", ".png"):
         for name in ("a", "b"):
-            save(figure(plan), tmp_path / f"{name}{suffix}")
+            save(figure(plan, ("V", "forces")), tmp_path / f"{name}{suffix}")
         content = (tmp_path / f"a{suffix}").read_bytes()
         assert content == (tmp_path / f"b{suffix}").read_bytes()
         if suffix == ".pdf":
