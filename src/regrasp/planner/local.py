@@ -151,11 +151,11 @@ def plan_arc(
             runs = [pool.submit(search, run, mine) for run, mine in enumerate(rngs)]
             for run in runs if clock.end == math.inf else as_completed(runs):
                 result = run.result()
-                waited[0] += 1
                 if result is not None:
                     results.append(result)
                     if result.failure is None:
                         break
+                waited[0] += 1  # a run beside the one that counts has nothing to report
         finally:
             done.set()
     best = min(results, key=lambda result: len(result.motion.violations))
