@@ -105,10 +105,10 @@ class Browser:
         elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.complaints.append(params["entry"]["text"])
 
-    def open(self, url: str) -> None:
+    def open(self, url: str, ready: str = "document.body && document.body.classList.contains('ready')") -> None:
         """Open an address; wait until the page says that it is ready."""
         self.ask("Page.navigate", url=url)
-        self.until("document.body && document.body.classList.contains('ready')")
+        self.until(ready)
 
     def run(self, script: str) -> Any:
         """The value of an expression in the page."""

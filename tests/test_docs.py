@@ -34,6 +34,7 @@ from regrasp.scene.load import Loader, builtin, validate
 from regrasp.scene.schema import Scene
 from regrasp.settings import read
 from regrasp.view import clip, show
+from tests.browser import Browser
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -202,15 +203,19 @@ class Requests(HTMLParser):
             self.found += [given[key] for key in ("src", "href", "poster") if given.get(key)]
 
 
-def test_the_site_is_whole_and_asks_nobody_for_anything(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    shown = {path.stem for path in (tmp_path / "site").glob("*.html")} - {"404"}
+    return folder
+
+
+def test_the_site_is_whole_and_names_nobody_to_ask(site):
+    shown = {path.stem for path in site.glob("*.html")} - {"404"}
     assert shown == {path.stem for path in DOCS.glob("*.md")}
-    for path in (tmp_path / "site").glob("*.html"):
+    for path in site.glob("*.html"):
         parser = Requests()
         parser.feed(path.read_text(encoding="utf-8"))
         assert parser.found
@@ -218,8 +223,19 @@ def test_the_site_is_whole_and_asks_nobody_for_anything(tmp_path):
             assert not urlparse(address).netloc, (path.name, address)
             if path.stem != "404" and not address.startswith(("#", "data:")):
                 assert (path.parent / urlparse(address).path).exists(), (path.name, address)
-    for style in (tmp_path / "site").rglob("*.css"):
+    for style in site.rglob("*.css"):
         assert not re.search(r"url\(['\"]?https?:|@import", style.read_text(encoding="utf-8"))
+
+
+def test_the_site_asks_nobody_for_anything(site, tmp_path):
+    page = Browser(tmp_path / "profile")
+    try:
+        for path in site.glob("*.html"):
+            page.open(path.as_uri(), f"location.href === '{path.as_uri()}' && document.readyState === 'complete'")
+        assert len(page.requests) > len(list(site.glob("*.html")))
+        assert {urlparse(address).scheme for address in page.requests} <= {"file", "data", "blob"}
+    finally:
+        page.close()
 
 
 def test_links_between_the_pages_and_to_files_lead_somewhere():
