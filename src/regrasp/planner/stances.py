@@ -1,6 +1,6 @@
 """Stances: grasps found by a scan (`auto`), for the way that lies ahead."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,13 @@ from regrasp.kernels.rotations import dot
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import shape_operator
 from regrasp.planner.balance import balance
+from regrasp.planner.chain import ContactMotions
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.follow import wanders
 from regrasp.planner.grasp import build_grasp
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import STAY, whole
+from regrasp.planner.motions import OFF, STAY, whole
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, base_at
 from regrasp.planner.reserve import Margins
@@ -28,8 +29,11 @@ from regrasp.planner.supports import STICK
 from regrasp.planner.terms import Terms
 
 Array = NDArray[np.float64]
+Choice = tuple[int, ...]
+Fixed = tuple[Hand, Path, Scan, Terms, NDArray[np.int64], Array, Array]
 OUT = -1  # the choice of an agent that stays off
 SLACK = 1e-3  # m by which the object may be off when it is touched
+ROUNDS = 24  # grasps that are followed along the whole way, until one lasts
 MORE = 3  # times as many restarts where agents have few joints: most contacts leave their reach on the way
 PROMISING = 20  # candidates of such an agent among which random choices are drawn, those that tie included
 
@@ -321,26 +325,82 @@ def find_grasp(
     wandering = any(wanders(hand, i) for i in agents)
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
+    fixed = (hand, path, scan, terms, agents, rest_R, rest_p)
+    u = rng.random((settings.tries, len(agents)))
+    safe = None if wandering else lasting_choice(fixed, margins, ahead, lp, legal, u)
     drawn_from = [longest(row, free) if wandering else free for row, free in zip(ahead.kept, legal, strict=True)]
-    counts, table = np.array([len(free) for free in drawn_from]), np.full((len(agents), max(map(len, legal))), OUT)
-    for row, free in zip(table, drawn_from, strict=True):
+    restarts = settings.restarts * (MORE if wandering else 1)
+    found = choices(fixed, margins, ahead, lp, drawn_from, u, restarts)
+    best = sorted(found, key=lambda each: found[each])
+    if safe is not None:
+        best = [safe, *(each for each in best if each != safe)]
+    if not best:
+        return Failure(
+            "equilibrium", "start", "", "no grasp within reach holds the object",
+            "more friction, a larger max_force, a lighter object, or another agent",
+        )  # fmt: skip
+    return tuple(stance_of(hand, path, scan, agents, choice, ahead.kept) for choice in best)
+
+
+def choices(
+    fixed: Fixed, margins: Margins, ahead: Ahead, lp: Program, legal: list[NDArray[np.int64]], u: Array, restarts: int
+) -> dict[Choice, float]:
+    """What random choices among legal candidates of the agents lead to when they are improved, and their costs.
+
+    fixed: the first arguments of `grasp_cost`; u (tries, agents): uniform on [0, 1).
+    """
+    counts, table = np.array([len(free) for free in legal]), np.full((len(legal), max(map(len, legal))), OUT)
+    for row, free in zip(table, legal, strict=True):
         row[: len(free)] = free
-    u, at = rng.random((settings.tries, len(agents))), 0
-    fixed, choice = (hand, path, scan, terms, agents, rest_R, rest_p), np.zeros(len(agents), np.int64)
-    found: dict[tuple[int, ...], float] = {}
-    for _ in range(settings.restarts * (MORE if wandering else 1)):
+    choice, at = np.zeros(len(legal), np.int64), 0
+    found: dict[Choice, float] = {}
+    for _ in range(restarts):
         at, cost = drawn(*fixed, choice, margins, ahead, lp, table, counts, u, at)
         if cost == np.inf:
             break
         cost = improve(*fixed, choice, margins, ahead, cost, lp)
         found.setdefault(tuple(choice.tolist()), cost)
-    if not found:
-        return Failure(
-            "equilibrium", "start", "", "no grasp within reach holds the object",
-            "more friction, a larger max_force, a lighter object, or another agent",
-        )  # fmt: skip
-    best = sorted(found, key=lambda each: found[each])
-    return tuple(stance_of(hand, path, scan, agents, choice, ahead.kept) for choice in best)
+    return found
+
+
+def lasting_choice(
+    fixed: Fixed, margins: Margins, ahead: Ahead, lp: Program, legal: list[NDArray[np.int64]], u: Array
+) -> Choice | None:
+    """Candidates on which all agents can stay along the whole path, if some are found soon.
+
+    Among those that every look ahead finds lasting; which of them are not, between the looks, is seen by following the
+    choice's contacts, and is written to ahead.kept.
+    """
+    hand, path, scan, terms, agents, _, _ = fixed
+    sure = replace(ahead, kept=np.where(ahead.kept >= 1.0, 1.0, -1.0))
+    for row in range(ROUNDS):
+        among = [free[(free == OUT) | (kept[free] >= 0.0)] for kept, free in zip(sure.kept, legal, strict=True)]
+        if any(len(free) == 0 for free in among):
+            return None
+        found = choices(fixed, margins, sure, lp, among, u[row::ROUNDS], 1)
+        for choice in found:
+            lost = lost_on(hand, path, scan, terms, stance_of(hand, path, scan, agents, choice, ahead.kept).grasp)
+            if not lost:
+                return choice
+            for a, i in enumerate(agents.tolist()):
+                if i in lost:
+                    ahead.kept[a, choice[a]], sure.kept[a, choice[a]] = lost[i], -1.0
+        if not found:
+            return None
+    return None
+
+
+def lost_on(hand: Hand, path: Path, scan: Scan, terms: Terms, grasp: Grasp) -> dict[int, float]:
+    """After which part of the path agents that keep their contacts lose them, or touch a static body or the object.
+
+    Looked at at the end of every interval, of which the looks of a scan pass over many.
+    """
+    n = len(path.R_WO)
+    V = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (n, 1))
+    problem = ContactMotions(hand, path, scan, terms, grasp, V)
+    at = problem.current.at[1:]
+    failed = (problem.found.lost[at] != 0) | (problem.found.own[at] != 0)
+    return {int(i): float(np.argmax(failed[:, i])) / n for i in np.flatnonzero(failed.any(axis=0) & (grasp.holds == 1))}
 
 
 def longest(kept: Array, legal: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -352,9 +412,7 @@ def longest(kept: Array, legal: NDArray[np.int64]) -> NDArray[np.int64]:
     return legal[(legal == OUT) | (kept[legal] >= least)]
 
 
-def stance_of(
-    hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: tuple[int, ...], kept: Array
-) -> Stance:
+def stance_of(hand: Hand, path: Path, scan: Scan, agents: NDArray[np.int64], choice: Choice, kept: Array) -> Stance:
     """The grasp at the path's start with agent agents[a] on candidate choice[a]; kept: as in `Ahead`."""
     contacts, candidates = {}, np.full(len(hand.tip_geom), OUT)
     for i, c in zip(agents.tolist(), choice, strict=True):
