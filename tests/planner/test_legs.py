@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -27,11 +28,12 @@ from regrasp.planner.legs import (
     stay,
     take_hold,
 )  # fmt: skip
-from regrasp.planner.local import LocalPlanner
+from regrasp.planner.local import LocalPlanner, terms_of
 from regrasp.planner.method import plan_of
 from regrasp.planner.outcome import Failure
 from regrasp.planner.poses import START
-from regrasp.planner.stances import Stance
+from regrasp.planner.scan import new_scan
+from regrasp.planner.stances import Stance, followed
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.scene.load import load
 from regrasp.search.annealing import Settings as Annealing
@@ -154,6 +156,31 @@ def test_what_cannot_be_held_whole_is_held_in_halves(
         np.testing.assert_allclose(one.motion.path.p_WO[-1, -1], two.motion.path.p_WO[0, 0], atol=1e-12)
         np.testing.assert_allclose(one.motion.joints[-1, -1], two.motion.joints[0, 0], atol=1e-9)
     proved(task, planned.segments)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_contacts_can_be_kept_along_the_whole_way_the_first_stance_keeps_them(seed: int) -> None:
+    """Three mobile robots round a corner, where walls are in the way between the looks of the scan. Those that it calls
+    lasting and are not lose a contact where following it says so."""
+    task = prepare(load("mobile-panel"), Settings())
+    route = task.router.route(START, lambda: False, lambda _: None)
+    assert not isinstance(route, Failure)
+    path = paths_of(task, [leg.arc for leg in route], None)[0]
+    found = stances_for(task, path, np.random.default_rng(seed), ())
+    assert not isinstance(found, Failure)
+    assert found[0].kept == 1.0
+    assert not isinstance(stay(task, path, found[0].grasp, "whole"), Failure)
+    local = task.settings.local
+    scan, terms = new_scan(task.hand, path, local.relocation), terms_of(task.hand, local)
+    lost = [followed(task.hand, path, scan, terms, each.grasp)[0] for each in found]
+    assert any(lost)
+    for each, parts in zip(found, lost, strict=True):
+        broken = stay(task, path, each.grasp, "whole")
+        if parts:
+            assert isinstance(broken, Failure)
+            first = int(re.search(r"interval (\d+) of", broken.where).group(1))
+            # Samples lie closer than interval ends.
+            assert first <= 1 + round(min(parts.values()) * len(path.R_WO))
 
 
 def test_what_contacts_cannot_be_kept_on_is_annealed() -> None:

@@ -15,10 +15,13 @@ from scipy.spatial.transform import Rotation
 from regrasp.cli import main
 from regrasp.plan import FIRST_SLIDE, RELOCATE, Plan
 from regrasp.planner.assemble import quaternions
+from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import start_clock
-from regrasp.planner.local import LocalPlanner, plan_arc
+from regrasp.planner.local import LocalPlanner, plan_arc, terms_of
 from regrasp.planner.method import plan_scene
 from regrasp.planner.outcome import Failure
+from regrasp.planner.path import head
+from regrasp.planner.scan import new_scan
 from regrasp.planner.task import Settings
 from regrasp.scene.load import builtin, dump, load
 from regrasp.scene.schema import Scene
@@ -186,6 +189,26 @@ def test_the_number_of_threads_does_not_change_the_motion(name: str) -> None:
         np.testing.assert_array_equal(one.V, other.V)
         np.testing.assert_array_equal(one.energy, other.energy)
         np.testing.assert_array_equal(one.motion.joints, other.motion.joints)
+
+
+@pytest.mark.parametrize("ahead", [0, 5])
+def test_what_lies_ahead_of_a_piece_is_searched_but_does_not_count(ahead: int) -> None:
+    """Motion, V and grasp end with the piece, and are those of its V along it alone, whatever comes afterwards."""
+    a = arc("fig4-relocation")
+    n = len(a.path.R_WO) - ahead
+    result = plan_arc(
+        a.hand, a.path, a.grasp, a.task.names, QUICK.local, np.random.default_rng(0), lambda _: None, "segment 1",
+        start_clock(0.0), 1, ahead=ahead,
+    )  # fmt: skip
+    assert len(result.V) == len(result.motion.joints) == n
+    part = head(a.path, n)
+    scan, terms = new_scan(a.hand, part, QUICK.local.relocation), terms_of(a.hand, QUICK.local)
+    alone = ContactMotions(a.hand, part, scan, terms, a.grasp, result.V)
+    np.testing.assert_allclose(result.grasp.q, alone.grasp(n).q, atol=1e-12)
+    holds = alone.grasp(n).holds == 1
+    np.testing.assert_allclose(result.grasp.p_OC[holds], alone.grasp(n).p_OC[holds], atol=1e-12)
+    assert (result.failure is None) == (not result.motion.violations)
+    np.testing.assert_allclose(result.motion.joints[-1, -1], result.grasp.q, atol=1e-9)
 
 
 @pytest.mark.parametrize("limit", [1e-3, 0.1])

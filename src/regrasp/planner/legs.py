@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.planner.ahead import OUT
 from regrasp.planner.arcs import Arc
 from regrasp.planner.arms import ways
 from regrasp.planner.assemble import Segment
@@ -28,11 +29,12 @@ from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path, Pose, nominal_path
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
-from regrasp.planner.stances import OUT, Stance, find_grasp
+from regrasp.planner.stances import Stance, find_grasp
 from regrasp.planner.task import Task
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
+Piece = tuple[Array, Array, int]
 
 DENSER = (2, 5)  # times as many candidates of agents of few joints, at first and where no contacts on those last
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
@@ -40,6 +42,7 @@ ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 3  # of an arc along which no contacts can be kept
 SHORTEST = 8  # intervals of an arc that is halved
 HAND_OVERS = 4  # scans for grasps onto which the object is handed over in the air
+AHEAD = 8  # intervals beyond a piece that are searched with it
 STAYED, TOOK_HOLD, ANNEALED = "stay", "new grasp", "annealing"
 
 
@@ -78,7 +81,7 @@ def first_piece(task: Task, arc: Arc, grasp: Grasp | None, least: int = 4) -> Pa
     return found[0] if found else _path(task, *piece, np.tile(arm_joints(task, grasp), (len(piece[0]), 1)))
 
 
-def pieces_of(task: Task, arc: Arc, least: int = 4) -> list[tuple[Array, Array, int]]:
+def pieces_of(task: Task, arc: Arc, least: int = 4) -> list[Piece]:
     """Poses R, p along an arc in pieces of at most `Settings.intervals` intervals, `least` or more in all; each's count."""
     n, m = intervals(task, arc, least), task.settings.samples
     pieces = math.ceil(n / task.settings.intervals)
@@ -352,6 +355,16 @@ def all_arrive(task: Task, pose: Pose, grasp: Grasp, stance: Stance, stage: str)
     return True
 
 
+def with_ahead(task: Task, piece: Piece, coming: list[Piece]) -> tuple[Piece, int]:
+    """A piece with the first AHEAD intervals of what comes after it, if anything does, and their count."""
+    if not coming:
+        return piece, 0
+    (R, p, n), (R_next, p_next, n_next) = piece, coming[0]
+    ahead = min(AHEAD, n_next)
+    rows = slice(1, ahead * task.settings.samples + 1)
+    return (np.concatenate([R, R_next[rows]]), np.concatenate([p, p_next[rows]]), n + ahead), ahead
+
+
 def told(report: Report, planned: list[Segment]) -> Report:
     """The report with the motions of what is planned before those that it is told."""
 
@@ -373,8 +386,12 @@ def annealed(
     for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
         result: ArcResult | None = None
-        for path in _nominal(task, *piece, grasp):
-            result = plan_arc(task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts)
+        coming = pieces[at + 1 :] or [piece for arc in arcs[1:2] for piece in pieces_of(task, arc)[:1]]
+        longer, ahead = with_ahead(task, piece, coming)
+        for path in _nominal(task, *longer, grasp):
+            result = plan_arc(
+                task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts, ahead=ahead
+            )
             if result.failure is None or clock.up():
                 break
         if result is None:

@@ -15,7 +15,7 @@ from regrasp.planner.hand import Hand
 from regrasp.planner.motion import Motion, detail
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY, MotionSteps, commands
 from regrasp.planner.outcome import Failure, Progress, Report
-from regrasp.planner.path import Path
+from regrasp.planner.path import Path, head
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import Relocation, Scan, new_scan
 from regrasp.planner.terms import Energy, Terms
@@ -94,9 +94,12 @@ def resumed(
 
 def plan_arc(
     hand: Hand, path: Path, start: Grasp, names: tuple[str, ...], settings: LocalPlanner, rng: np.random.Generator,
-    report: Report, stage: str, clock: Clock, parts: int, warm: Codes | None = None,
+    report: Report, stage: str, clock: Clock, parts: int, warm: Codes | None = None, ahead: int = 0,
 ) -> ArcResult:  # fmt: skip
     """Contact motions along one nominal path from the grasp at its start.
+
+    The last `ahead` of its intervals are searched with the others, so that these end in a grasp that goes on, but are not
+    part of the result: whether they break a constraint does not count.
 
     Each annealing run has one of `parts` equal parts of the time then left, and numbers of its own to draw. Runs go side by
     side, and the first of them, in their order, that breaks no constraint counts: so the result does not depend on how many
@@ -104,6 +107,12 @@ def plan_arc(
     there is one, and not as hot as the others.
     """
     done, one = threading.Event(), threading.Lock()
+    n = len(path.R_WO) - ahead
+    part = head(path, n)
+
+    def result_of(V: Codes, terms: Terms) -> tuple[Motion, Grasp]:
+        problem = ContactMotions(hand, part, new_scan(hand, part, settings.relocation), terms, start, V[:n])
+        return detail(hand, part, terms, problem.found, problem.current, problem.work, names), problem.grasp(n)
 
     def search(run: int, rng: np.random.Generator) -> ArcResult | None:
         if run > 0 and (done.is_set() or clock.up()):
@@ -118,8 +127,7 @@ def plan_arc(
 
         def watch(state: AnnealingState[Codes]) -> bool:
             def best() -> list[Motion]:
-                beside = ContactMotions(hand, path, new_scan(hand, path, settings.relocation), terms, start, state.best)
-                return [detail(hand, path, terms, beside.found, beside.current, beside.work, names)]
+                return [result_of(state.best, terms)[0]]
 
             if run == waited[0]:
                 total = annealing.iterations
@@ -130,15 +138,14 @@ def plan_arc(
         with one:  # the interpreter runs one thread at a time anyway, and who comes second may find all done
             if done.is_set():
                 return None
-            problem.reset(result.best)
-            motion = detail(hand, path, terms, problem.found, problem.current, problem.work, names)
-            failure = failure_of(motion, stage, len(path.R_WO)) if motion.violations else None
+            motion, grasp = result_of(result.best, terms)
+            failure = failure_of(motion, stage, n) if motion.violations else None
             if failure is None and clock.end < math.inf:
                 done.set()
         return ArcResult(
             motion,
-            result.best,
-            problem.grasp(len(path.R_WO)),
+            result.best[:n],
+            grasp,
             np.asarray(result.energies),
             len(result.energies) - 1,
             failure,

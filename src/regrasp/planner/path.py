@@ -1,5 +1,7 @@
 """The object's nominal path over one arc: its poses, the load on the contacts, the supports that touch it."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,6 +48,13 @@ class Path(Record):
     arm_q: Array
     R_WG: Array
     p_WG: Array
+
+
+OF_INTERVALS = (
+    "R_WO", "p_WO", "up_O", "support_mode", "support_p_O", "support_n_O", "support_t_O", "arm_q", "R_WG", "p_WG",
+)  # fmt: skip
+OF_BASES = ("R_WP", "p_WP", "R_PO", "p_PO")
+"""Arrays of a Path whose first axis is that of the intervals, and whose second is."""
 
 
 @kernel
@@ -123,6 +132,13 @@ def nominal_path(
     q = np.broadcast_to(hand.arm_home, (len(R_WO), len(hand.arm_home))) if arm_q is None else arm_q
     arrays = (R, p, up_O, mode, np.where(here, p_O, 0.0), n_O, t_O, mu, of, slot, *carried(hand, R_WO, p_WO, q, index))
     return Path(*(np.ascontiguousarray(array) for array in arrays))
+
+
+def head(path: Path, n: int) -> Path:
+    """The first n intervals."""
+    over = {name: getattr(path, name)[:n] for name in OF_INTERVALS}
+    beside = {name: np.ascontiguousarray(getattr(path, name)[:, :n]) for name in OF_BASES}
+    return replace(path, **over, **beside)
 
 
 def carried(hand: Hand, R_WO: Array, p_WO: Array, arm_q: Array, index: Ints) -> tuple[Array, ...]:
