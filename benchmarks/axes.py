@@ -13,10 +13,10 @@ from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.arcs import straight
 from regrasp.planner.configurations import Configurations, Grasp
-from regrasp.planner.legs import first_piece
 from regrasp.planner.method import opening
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
+from regrasp.planner.pieces import first_piece
 from regrasp.planner.scan import Relocation
 from regrasp.planner.task import Settings, Task, prepare
 from regrasp.planner.terms import Shortcuts

@@ -17,8 +17,8 @@ from regrasp.planner.choices import drawn, grasp_cost
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import first_piece
 from regrasp.planner.outcome import Failure
+from regrasp.planner.pieces import first_piece
 from regrasp.planner.stances import find_grasp
 from regrasp.planner.task import prepare
 from regrasp.scene.load import load

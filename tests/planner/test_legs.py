@@ -18,12 +18,7 @@ from regrasp.planner.legs import (
     STAYED,
     TOOK_HOLD,
     Planned,
-    first_piece,
-    intervals,
-    paths_of,
-    pieces_of,
     plan_leg,
-    rest_at,
     stances_for,
     stay,
     take_hold,
@@ -31,6 +26,7 @@ from regrasp.planner.legs import (
 from regrasp.planner.local import LocalPlanner, terms_of
 from regrasp.planner.method import plan_of
 from regrasp.planner.outcome import Failure
+from regrasp.planner.pieces import first_piece, intervals, paths_of, pieces_of, rest_at
 from regrasp.planner.poses import START
 from regrasp.planner.scan import new_scan
 from regrasp.planner.stances import Stance, followed

@@ -5,9 +5,9 @@ import pytest
 from arcs import NAMES, Arc, Oracle, arc, between, height
 
 from regrasp.planner.chain import ContactMotions
-from regrasp.planner.legs import rest_at
 from regrasp.planner.motions import ONTO, STAY
 from regrasp.planner.passage import LEAP, ROUND, WAYS, leaps
+from regrasp.planner.pieces import rest_at
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import new_scan
 

@@ -12,9 +12,10 @@ from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.grasp import given_grasp
-from regrasp.planner.legs import Planned, first_piece, plan_leg, stances_for, told
+from regrasp.planner.legs import Planned, plan_leg, stances_for, told
 from regrasp.planner.outcome import Failure, Outcome, Progress, Report, Tried
 from regrasp.planner.path import Path, Pose
+from regrasp.planner.pieces import first_piece
 from regrasp.planner.poses import GOAL, START
 from regrasp.planner.route import Leg
 from regrasp.planner.task import Settings, Task, prepare

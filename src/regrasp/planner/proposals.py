@@ -11,11 +11,12 @@ from regrasp.kernels.forces import EDGES
 from regrasp.plan import Plan
 from regrasp.planner.balance import balance
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.legs import first_piece, moved, rest_at, stances_for
+from regrasp.planner.legs import moved, stances_for
 from regrasp.planner.method import check_ends, plan_of, start_grasp
 from regrasp.planner.motions import OFF, STAY
 from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path
+from regrasp.planner.pieces import first_piece, rest_at
 from regrasp.planner.poses import START
 from regrasp.planner.reserve import Margins
 from regrasp.planner.task import Settings, Task, prepare

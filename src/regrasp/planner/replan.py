@@ -14,12 +14,12 @@ from regrasp.planner.arcs import straight
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
-from regrasp.planner.legs import first_piece, pieces_of
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
 from regrasp.planner.method import end_pose
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, Pose
+from regrasp.planner.pieces import first_piece, pieces_of
 from regrasp.planner.poses import GOAL, START
 from regrasp.planner.resume import Codes, coming, resampled, with_touching
 from regrasp.planner.task import Settings, router_of, task_of
