@@ -237,12 +237,20 @@ def _with_probe(world: World) -> tuple[mujoco.MjModel, int]:
 
 
 def _near(model: mujoco.MjModel, xpos: Array, xmat: Array, pairs: Ids) -> NDArray[np.bool_]:
-    """(S, pairs): whether bounding spheres touch (planes: whether the other's sphere reaches below the surface)."""
+    """(S, pairs): whether the bodies may touch: each one's bounding sphere meets the other's, and its box.
+
+    Where one is a plane: whether the other's sphere reaches below it.
+    """
     a, b = pairs.T
     bound = model.geom_rbound
     plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     apart = xpos[:, a] - xpos[:, b]
     near = np.einsum("spi,spi->sp", apart, apart) <= (bound[a] + bound[b]) ** 2
+    for one, other, centre in ((a, b, -apart), (b, a, apart)):
+        middle, half = model.geom_aabb[one, :3], model.geom_aabb[one, 3:]
+        local = np.einsum("spi,spij->spj", centre, xmat[:, one].reshape(*centre.shape, 3))
+        beyond = np.maximum(np.abs(local - middle) - half, 0.0)
+        near &= np.einsum("spi,spi->sp", beyond, beyond) <= bound[other] ** 2
     for p in np.flatnonzero(plane[a] | plane[b]):
         surface, other = (a[p], b[p]) if plane[a[p]] else (b[p], a[p])
         height = np.einsum("si,si->s", xpos[:, other] - xpos[:, surface], xmat[:, surface, 2::3])
