@@ -167,6 +167,11 @@ class ContactMotions:
         """E of the current V."""
         return self._energy
 
+    def breaks_nothing(self) -> bool:
+        """Whether the current V breaks no constraint at the ends of its intervals, and its contacts determine the pose."""
+        now = self.current
+        return not (np.any(now.c) or np.any(now.e) or np.any(now.h))
+
     def propose(self, rng: np.random.Generator) -> Change:
         """A random move (`propose`)."""
         make_room(self.found, self.work, self.current)

@@ -19,6 +19,7 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.follow import wanders
+from regrasp.planner.grasp import unchanged
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import ArcResult, failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
@@ -108,7 +109,7 @@ def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> Non
 
 def stay(task: Task, path: Path, grasp: Grasp, stage: str) -> tuple[Segment, Grasp] | Failure:
     """All agents keep what they do: those that hold their contacts, rolling or not, the others off."""
-    still = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (len(path.R_WO), 1))
+    still = unchanged(grasp, len(path.R_WO))
     V = still.copy()
     roll(task.hand, path, terms_of(task.hand, task.settings.local).commands, grasp, V)
     made = moved(task, path, grasp, V, stage)
@@ -325,9 +326,8 @@ def annealed(
         coming = pieces[at + 1 :] or [piece for arc in arcs[1:2] for piece in pieces_of(task, arc)[:1]]
         longer, ahead = with_ahead(task, piece, coming)
         for path in ways_along(task, *longer, grasp):
-            result = plan_arc(
-                task.hand, path, grasp, task.names, task.settings.local, rng, report, stage, clock, parts, ahead=ahead
-            )
+            V, local = unchanged(grasp, len(path.R_WO)), task.settings.local
+            result = plan_arc(task.hand, path, grasp, task.names, local, rng, report, stage, clock, parts, V, ahead)
             if result.failure is None or clock.up():
                 break
         if result is None:

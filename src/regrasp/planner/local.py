@@ -103,15 +103,19 @@ def plan_arc(
 
     Each annealing run has one of `parts` equal parts of the time then left, and numbers of its own to draw. Runs go side by
     side, and the first of them, in their order, that breaks no constraint counts: so the result does not depend on how many
-    threads there are. Where the time is limited, it is the first to be done. The first run starts from the V `warm` (n, k), if
-    there is one, and not as hot as the others.
+    threads there are. Where the time is limited, it is the first to be done, and a run for whose moves there is too little of
+    it ends as soon as it breaks no constraint. The first run starts from the V `warm` (n, k), if there is one, and not as hot
+    as the others.
     """
     done, one = threading.Event(), threading.Lock()
     n = len(path.R_WO) - ahead
     part = head(path, n)
 
+    def beside(terms: Terms, V: Codes) -> ContactMotions:
+        return ContactMotions(hand, part, new_scan(hand, part, settings.relocation), terms, start, V[:n])
+
     def result_of(V: Codes, terms: Terms) -> tuple[Motion, Grasp]:
-        problem = ContactMotions(hand, part, new_scan(hand, part, settings.relocation), terms, start, V[:n])
+        problem = beside(terms, V)
         return detail(hand, part, terms, problem.found, problem.current, problem.work, names), problem.grasp(n)
 
     def search(run: int, rng: np.random.Generator) -> ArcResult | None:
@@ -132,9 +136,20 @@ def plan_arc(
             if run == waited[0]:
                 total = annealing.iterations
                 report(Progress(stage, state.iteration, total, state.energy, state.best_energy, motions=best))
-            return done.is_set()
+            return done.is_set() or (hurried(state.iteration) and enough(state))
 
-        result = anneal(problem, annealing, rng, watch, clock.share(parts).elapsed)
+        def hurried(iteration: int) -> bool:
+            return share.elapsed() * annealing.iterations > iteration
+
+        def enough(state: AnnealingState[Codes]) -> bool:
+            if state.best_energy == seen[0]:
+                return False
+            seen[0] = state.best_energy
+            looked.reset(state.best[:n])
+            return looked.breaks_nothing()
+
+        looked, seen, share = beside(terms, problem.snapshot()), [math.nan], clock.share(parts)
+        result = anneal(problem, annealing, rng, watch, share.elapsed)
         with one:  # the interpreter runs one thread at a time anyway, and who comes second may find all done
             if done.is_set():
                 return None

@@ -14,9 +14,8 @@ from regrasp.planner.choices import Choice, Fixed, choices
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.follow import wanders
-from regrasp.planner.grasp import build_grasp
+from regrasp.planner.grasp import build_grasp, unchanged
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import OFF, STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.reserve import Margins
@@ -163,8 +162,7 @@ def followed(hand: Hand, path: Path, scan: Scan, terms: Terms, grasp: Grasp) -> 
     which the looks of a scan pass over many.
     """
     n = len(path.R_WO)
-    V = np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (n, 1))
-    problem = ContactMotions(hand, path, scan, terms, grasp, V)
+    problem = ContactMotions(hand, path, scan, terms, grasp, unchanged(grasp, n))
     found, now = problem.found, problem.current
     failed = (found.lost[now.at[1:]] != 0) | (found.own[now.at[1:]] != 0)
     lost = {int(i): float(np.argmax(failed[:, i])) / n for i in np.flatnonzero(failed.any(axis=0) & (grasp.holds == 1))}
