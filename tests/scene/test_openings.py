@@ -9,12 +9,13 @@ import trimesh
 from regrasp.errors import InputError
 from regrasp.scene import solids
 from regrasp.scene.grids import Spline
-from regrasp.scene.openings import Opening, opened
+from regrasp.scene.openings import FILL, Opening, opened
 from regrasp.scene.schema import Object
 from regrasp.scene.triangles import Triangles
 from tests.scene import shapes
 
 HALF, ROUNDING = np.array([0.03, 0.02, 0.025]), 0.006
+BALL = 0.018  # m, of one and a half fingertips
 ROUNDED = Object(shape="box", size=tuple(HALF), rounding=ROUNDING, mass=1.0)
 
 
@@ -22,7 +23,9 @@ def turned_box(spacing: float) -> tuple[Opening, np.ndarray]:
     mesh = shapes.box(*(2 * HALF))
     turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(3).random(3))
     mesh.apply_transform(turn)
-    return opened(Triangles(np.array(mesh.vertices), np.array(mesh.faces), spacing), ROUNDING, spacing), turn[:3, :3]
+    return opened(Triangles(np.array(mesh.vertices), np.array(mesh.faces), spacing), ROUNDING, spacing, BALL), turn[
+        :3, :3
+    ]
 
 
 def test_a_box_opened_is_the_rounded_box() -> None:
@@ -66,7 +69,7 @@ def test_flat_faces_stay_where_they_are() -> None:
 
 def test_concave_corners_stay_and_convex_ones_become_round(tmp_path: Path) -> None:
     mesh = shapes.bracket()
-    found = opened(Triangles(np.array(mesh.vertices), np.array(mesh.faces), 0.002), 0.004, 0.002)
+    found = opened(Triangles(np.array(mesh.vertices), np.array(mesh.faces), 0.002), 0.004, 0.002, BALL)
 
     def height(*p: float) -> float:
         return float(found.core.nearest(np.array([p]))[0][0]) - 0.004
@@ -81,6 +84,28 @@ def test_too_little_left_is_refused() -> None:
     thin = shapes.box(0.06, 0.06, 0.006)
     triangles = Triangles(np.array(thin.vertices), np.array(thin.faces), 0.001)
     with pytest.raises(InputError, match=r"no part of the mesh is 0.008 m thick"):
-        opened(triangles, 0.004, 0.001)
+        opened(triangles, 0.004, 0.001, BALL)
     with pytest.raises(InputError, match=r"object.rounding: 0.0005 m is too fine"):
-        opened(triangles, 0.0005, 0.001)
+        opened(triangles, 0.0005, 0.001, BALL)
+
+
+def test_a_shallow_pit_is_filled_as_far_as_the_ball_gets_and_a_deep_one_hardly() -> None:
+    """The ball rests on the pit's rim, of radius a: its lowest point is r − √(r² − a²) below the face."""
+    face, radius, shallow, deep = 0.007, 0.008, 1e-4, 1e-3
+    pitted = shapes.box(0.02, 0.02, 2 * face)
+    for side, depth in ((1.0, shallow), (-1.0, deep)):
+        ball = trimesh.creation.icosphere(subdivisions=5, radius=radius)
+        ball.apply_translation([0.0, 0.0, side * (face + radius - depth)])
+        pitted = trimesh.boolean.difference([pitted, ball], engine="manifold")
+    found = opened(Triangles(np.array(pitted.vertices), np.array(pitted.faces), 5e-4), 0.004, 5e-4, BALL)
+    a = np.sqrt(radius**2 - (radius - shallow) ** 2)
+    left = BALL - np.sqrt(BALL**2 - a**2), deep - FILL
+    bottoms = np.array([[0.0, 0.0, face - left[0]], [0.0, 0.0, left[1] - face]])
+    assert np.max(np.abs(Spline(found.grid).values(bottoms))) < 3e-5
+
+
+def test_nothing_is_filled_where_all_is_convex() -> None:
+    """But for what the distances of nodes are too large by."""
+    bodies = [opened(Triangles(np.array(shapes.box(*(2 * HALF)).vertices), np.array(shapes.box(*(2 * HALF)).faces), 0.002),
+                     ROUNDING, 0.002, ball) for ball in (0.0, BALL)]  # fmt: skip
+    assert np.max(np.abs(bodies[1].grid.values - bodies[0].grid.values)) < 2e-5

@@ -94,3 +94,19 @@ def test_a_tip_inside_is_as_deep_as_it_is(surface: Surface) -> None:
     kind, size = TIPS["sphere"]
     gap, _ = surface.nearest(Tip(kind, size, np.eye(3), np.array([0.005, 0.003, 0.025 + 0.012 - 2e-4])))
     assert gap == pytest.approx(-2e-4, abs=1e-6)
+
+
+def test_the_foot_of_a_point_beside_the_spline_is_its_own_with_its_normal(grid: Grid, surface: Surface) -> None:
+    """That is what the judge measures where a contact is stated."""
+    rng = np.random.default_rng(2)
+    spline = Spline(grid)
+    p = surface.skin.vertices[rng.choice(len(surface.skin.vertices), 60)] + 3e-4 * rng.normal(size=(60, 3))
+    for _ in range(5):
+        value, gradient = spline(p)
+        p = p - (value / np.sum(gradient**2, axis=1))[:, None] * gradient
+    normals = spline(p)[1]
+    for p_O, n in zip(p, normals / np.linalg.norm(normals, axis=1, keepdims=True), strict=True):
+        foot, normal = surface.foot(p_O + 5e-5 * n)
+        assert abs((foot - p_O) @ n) < 2e-6
+        assert np.linalg.norm(foot - p_O) < 6e-5  # where a patch meets smaller ones there are cracks as wide
+        assert np.arccos(min(1.0, normal @ n)) < np.radians(0.3)

@@ -68,16 +68,22 @@ def scene_of(name: str, shift: Array, turn: Array, folder: Path) -> Scene:
     shape = dict(OBJECTS[name])
     if "file" in shape:
         shape["file"] = str(folder / shape["file"])
-    quaternion = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
+    return in_hand(name, shape, np.zeros(3), shift, turn)
+
+
+def in_hand(name: str, shape: dict[str, Any], middle: Array, shift: Array, turn: Array) -> Scene:
+    """An object whose `middle` (3,) in O starts over the Allegro hand's palm, to be moved by a shift and a rotation vector."""
+    R = Rotation.from_rotvec(turn)
+    start, end = np.array(START) - middle, np.array(START) + shift - R.apply(middle)
     return validate({
         "name": f"goals-{name}",
         "model": {"hand": "allegro"},
         "object": shape,
         "agents": [{"name": finger} for finger in HOLD],
         "max_force": 5.0,
-        "start": {"pose": {"position": list(START)}},
+        "start": {"pose": {"position": start.tolist()}},
         "goal": {
-            "pose": {"position": (np.array(START) + shift).tolist(), "quaternion": quaternion.tolist()},
+            "pose": {"position": end.tolist(), "quaternion": R.as_quat(scalar_first=True).tolist()},
             "tolerance": TOLERANCE,
         },
     })  # fmt: skip

@@ -27,7 +27,7 @@ WORDS = {
     "view": "Look at a plan, or at the search for one, in a browser: play, scrub, forces, contact motions, findings.",
     "render": "Draw a plan: frames side by side or a clip, contact motions marked, forces as arrows.",
     "plot": "Draw figures of a plan for print: V, energy, forces, joints, clearances.",
-    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals, view.",
+    "bench": "Measure the method: paper, minima, scenes, replays, replans, levers, goals, scans, view.",
 }
 """Command → what it does."""
 

@@ -14,6 +14,7 @@ BENCHES = {
     "replans": "replans",
     "levers": "levers",
     "goals": "goals",
+    "scans": "scans",
     "view": "views",
 }
 """Benchmark → the module of `regrasp.bench` that has it."""
@@ -24,7 +25,8 @@ def bench(arguments: list[str]) -> Answer:
 
     def request(
         name: Annotated[
-            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals", "view"], tyro.conf.Positional
+            Literal["paper", "minima", "scenes", "replays", "replans", "levers", "goals", "scans", "view"],
+            tyro.conf.Positional,
         ],
         seeds: int = 10,
     ) -> tuple[str, int]:
@@ -35,7 +37,7 @@ def bench(arguments: list[str]) -> Answer:
                 scenes: every built-in scene, planned and checked. replays: the same, executed in physics.
                 replans: displaced states along plans, planned again.
                 levers: what makes them survive it, switched off one by one.
-                goals: random goals of objects in three fingertips.
+                goals: random goals of objects in three fingertips. scans: the same with scanned objects (`regrasp[ycb]`).
                 view: size of pages, time until they are served, frames made per second.
             seeds: How many seeds are run, goals per object, or times a page is served.
         """

@@ -13,6 +13,7 @@ from regrasp.scene import collisions, fits, menagerie, models
 from regrasp.scene.forms import OwnModel
 from regrasp.scene.load import load
 from regrasp.scene.models import Robot
+from regrasp.scene.openings import FILL
 from regrasp.scene.reach import nearest
 from regrasp.scene.world import World, build
 
@@ -209,6 +210,8 @@ def _of_object(world: World) -> Iterator[Symptom]:
         return
     off, rounding = 1e3 * matter.error, 1e3 * float(matter.size[3])
     what = f"a grid of {1e3 * matter.resolution:.2g} mm, within {off:.2g} mm of the mesh rounded by {rounding:.2g} mm"
+    if matter.ball:
+        what += f", hollows narrower than a ball of {1e3 * matter.ball:.2g} mm filled by {1e3 * FILL:.2g} mm at most"
     rough = matter.error > ROUGH
     yield Symptom("warning" if rough else "note", "object", what, "a smaller object.resolution" if rough else "")
 

@@ -11,26 +11,36 @@ from regrasp.scene.triangles import moments
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CONVEX = 0.998  # of its hull's volume: a mesh that fills so much is its hull
-CONCAVITY = 0.05  # CoACD's threshold: how far, in half extents, the parts may cover what the mesh does not
+CONCAVITY = (
+    0.05  # how far, in halves of the mesh's longest side, the parts may cover what the mesh does not; CoACD's threshold
+)
+CONVEX = 0.98  # of its hull's volume that a mesh fills which is taken for its hull
+SEARCH = {
+    "mcts_iterations": 60,
+    "mcts_max_depth": 2,
+    "resolution": 1000,
+}  # CoACD's least: its default takes ten times as long
 CORNERS = 256  # vertices of a part at most
 EXACT = 1e-5  # m that leaving out a vertex may cost
 ROUND = 2e-5  # m that the ball which a rounded part is swept by may lack
-SIMPLER = 5e-5  # m by which the mesh may be coarsened for it
+SIMPLER = 2e-4  # m by which the mesh may be coarsened for it
 SEED = 0
 
 
 def parts_of(vertices: Array, faces: Ints) -> list[tuple[Array, float]]:
     """Convex sets that cover the mesh: their vertices (V, 3), V ≤ CORNERS, and by how much, m, they may lack what they cover.
 
-    A convex mesh is one. Others are cut by CoACD (Wei, Liu, Ling & Su, SIGGRAPH 2022), which may take minutes; what it
-    found is kept.
+    The hull is enough for a mesh that fills it, but for hollows no deeper than the parts may cover. Others are cut by CoACD
+    (Wei, Liu, Ling & Su, SIGGRAPH 2022), which may take minutes; what it found is kept.
     """
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(vertices)
     if moments(vertices, faces)[0] >= CONVEX * hull.volume:
-        return [reduced(vertices[hull.vertices])]
+        most = CONCAVITY * 0.5 * float(np.max(np.ptp(vertices, axis=0)))
+        part = reduced(vertices[hull.vertices])
+        if hollow(vertices, part[0]) <= most:
+            return [part]
     return [reduced(part) for part in _cut(vertices, faces)]
 
 
@@ -46,7 +56,9 @@ def _cut(vertices: Array, faces: Ints) -> list[Array]:
             points, triangles = solid.to_mesh64().vert_properties[:, :3], solid.to_mesh64().tri_verts.astype(np.int64)
         print("cutting the mesh into convex parts; this takes a minute or two, once", file=sys.stderr, flush=True)
         coacd.set_log_level("error")
-        found = coacd.run_coacd(coacd.Mesh(points, triangles), threshold=CONCAVITY, max_ch_vertex=CORNERS, seed=SEED)
+        found = coacd.run_coacd(
+            coacd.Mesh(points, triangles), threshold=CONCAVITY, max_ch_vertex=CORNERS, seed=SEED, **SEARCH
+        )
         print(f"{len(found)} convex parts", file=sys.stderr, flush=True)
         return {
             "points": np.concatenate([np.array(points) for points, _ in found]),
@@ -54,9 +66,22 @@ def _cut(vertices: Array, faces: Ints) -> list[Array]:
         }
 
     arrays = kept(
-        "parts", {"vertices": vertices, "faces": faces, "settings": np.array([CONCAVITY, SIMPLER, SEED])}, cut
+        "parts",
+        {"vertices": vertices, "faces": faces, "settings": np.array([CONCAVITY, SIMPLER, SEED, *SEARCH.values()])},
+        cut,
     )
     return np.split(np.asarray(arrays["points"], float), np.cumsum(arrays["count"])[:-1])
+
+
+def hollow(vertices: Array, corners: Array) -> float:
+    """How deep a vertex of the mesh lies below the hull of the corners, m, at most."""
+    from scipy.spatial import ConvexHull
+
+    planes = ConvexHull(corners).equations
+    above = np.full(len(vertices), -np.inf)
+    for plane in planes:
+        np.maximum(above, vertices @ plane[:3] + plane[3], out=above)
+    return float(-above.min())
 
 
 def reduced(points: Array) -> tuple[Array, float]:

@@ -23,6 +23,11 @@ Assets = Mapping[str, bytes]
 
 MESH = 6  # the surface's code where a grid describes it
 ASSET = "object.npz"
+INPUTS = ("vertices", "faces", "rounding", "spacing", "ball")
+"""What the mesh's surface is made from."""
+BALL = 1.5
+"""Of the tips' smallest radius: the ball that fills hollows. In one as wide as the tip itself a contact would have no place of
+its own, in what a far larger ball fills the tip would rest on the rims no more."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,9 @@ class Matter:
 
     kind, size: its surface's code and size; parts: they make up its solid; mass, kg, centre: of mass, (3,) in O, m, and
     inertia (3, 3) about it in O's axes, kg m².
-    Where it is a mesh: the mesh; skin: its surface, opened and triangulated; resolution: m between its grid's nodes; error:
-    m by which the skin differs from the mesh opened, at most, which is in creases.
+    Where it is a mesh: the mesh; skin: its surface, opened, filled and triangulated; resolution: m between its grid's nodes;
+    error: m by which the skin differs from the mesh opened, at most, which is in creases; ball: m, of the ball that filled
+    hollows.
     """
 
     kind: int
@@ -60,23 +66,27 @@ class Matter:
     resolution: float = 0.0
     error: float = 0.0
     mesh: meshes.Mesh | None = None
+    ball: float = 0.0
 
 
-def assets_of(shape: AnyObject) -> dict[str, bytes]:
-    """The files that describe the object from now on, made from those that the scene names, and kept."""
+def assets_of(shape: AnyObject, tip: float) -> dict[str, bytes]:
+    """The files that describe the object from now on, made from those that the scene names, and kept.
+
+    tip: m, the smallest radius of curvature of the tips.
+    """
     if not isinstance(shape, MeshObject):
         return {}
     source = {
         "file": np.frombuffer(Path(meshes.checked(shape.file, "object")).read_bytes(), np.uint8),
         "format": np.array(Path(shape.file).suffix.lower()),
-        "numbers": np.array([shape.scale, shape.rounding, shape.resolution or 0.0]),
+        "numbers": np.array([shape.scale, shape.rounding, shape.resolution or 0.0, BALL * tip]),
     }
-    packed = kept("object", source, lambda: {"packed": np.frombuffer(_packed(shape), np.uint8)})["packed"]
+    packed = kept("object-2", source, lambda: {"packed": np.frombuffer(_packed(shape, BALL * tip), np.uint8)})["packed"]
     return {ASSET: packed.tobytes()}
 
 
-def _packed(shape: MeshObject) -> bytes:
-    """The mesh, its parts and its skin as one file."""
+def _packed(shape: MeshObject, ball: float) -> bytes:
+    """The mesh, its parts and its skin as one file; ball: m, see `openings.opened`."""
     mesh = meshes.read(shape.file, shape.scale, "object")
     spacing = shape.resolution or spacing_for(np.ptp(mesh.vertices, axis=0), shape.rounding)
     arrays = {
@@ -84,6 +94,7 @@ def _packed(shape: MeshObject) -> bytes:
         "faces": mesh.faces,
         "rounding": np.array(shape.rounding),
         "spacing": np.array(spacing),
+        "ball": np.array(ball),
     }
     made = _opened(arrays)
     parts = hulls.parts_of(made["core_vertices"], made["core_faces"])
@@ -122,6 +133,7 @@ def matter_of(shape: AnyObject, assets: Assets) -> Matter:
         tuple(_hull(points, float(radius)) for points, radius in zip(pieces, radii, strict=True)),
         *_weighed(shape, mesh.vertices, mesh.faces), skin=skin, resolution=float(stored["spacing"]),
         error=float(stored["error"]), mesh=mesh,
+        ball=float(stored["ball"]),
     )  # fmt: skip
 
 
@@ -130,7 +142,7 @@ def grid_of(shape: AnyObject, assets: Assets) -> Grid | None:
     if isinstance(shape, UnionObject):
         return _united(shape)
     if isinstance(shape, MeshObject):
-        made = _opened({name: _stored(assets)[name] for name in ("vertices", "faces", "rounding", "spacing")})
+        made = _opened({name: _stored(assets)[name] for name in INPUTS})
         return Grid(made["origin"], float(made["grid_spacing"]), made["values"])
     return None
 
@@ -161,7 +173,8 @@ def _opened(arrays: Arrays) -> Arrays:
 
     def make() -> Arrays:
         spacing = float(arrays["spacing"])
-        found = opened(Triangles(arrays["vertices"], arrays["faces"], spacing), float(arrays["rounding"]), spacing)
+        mesh = Triangles(arrays["vertices"], arrays["faces"], spacing)
+        found = opened(mesh, float(arrays["rounding"]), spacing, float(arrays["ball"]))
         return {
             "core_vertices": found.core.vertices, "core_faces": found.core.faces,
             "origin": found.grid.origin, "grid_spacing": np.array(found.grid.spacing), "values": found.grid.values,
@@ -169,7 +182,7 @@ def _opened(arrays: Arrays) -> Arrays:
             "skin_faces": found.skin.faces.astype(np.int32), "error": np.array(found.error),
         }  # fmt: skip
 
-    return kept("opening-2", arrays, make)
+    return kept("opening-3", arrays, make)
 
 
 def _united(shape: UnionObject) -> Grid:

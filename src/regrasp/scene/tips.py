@@ -1,6 +1,6 @@
 """Fingertips: their shapes as surfaces, and those that a scene gives in place of what its robot has."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import mujoco
 import numpy as np
@@ -50,6 +50,21 @@ def surface(model: mujoco.MjModel, geoms: Ids, field: str) -> tuple[int, Array]:
     size = np.zeros(4)
     size[:count] = model.geom_size[geoms[0], :count]
     return solids.KINDS.index(SURFACES[first]), size
+
+
+def sharpest(spec: mujoco.MjSpec, tips: Iterable[str]) -> float:
+    """The smallest radius of curvature of these tips, m; 0 where there is none: no contact can roll on other shapes."""
+    radii = []
+    for tip in tips:
+        pieces = names(tip, {geom.name for geom in spec.geoms}.__contains__)
+        size = spec.geom(pieces[0]).size
+        if len(pieces) == PIECES:
+            radii.append(spec.geom(pieces[3]).size[0])
+        elif (kind := spec.geom(tip).type) == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            radii.append(np.min(size) ** 2 / np.max(size))
+        elif kind in SURFACES:
+            radii.append(size[0])
+    return float(min(radii, default=0.0))
 
 
 def reshape(spec: mujoco.MjSpec, name: str, tip: Tip) -> None:

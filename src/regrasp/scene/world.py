@@ -185,7 +185,10 @@ def build(scene: Scene) -> World:
     spec.option.impratio = 10
     spec.option.noslip_iterations = 10
     hands.attach(spec, scene)
-    described = {**assets_of(scene.object), **fixtures.assets_of(scene.environment)}
+    described = {
+        **assets_of(scene.object, tips.sharpest(spec, [finger.tip for finger in hands.fingers(scene)])),
+        **fixtures.assets_of(scene.environment),
+    }
     for body in scene.environment:
         fixtures.add(spec, body, described)
     start = scene.start.pose

@@ -33,7 +33,7 @@ def _measure(plan: Plan, world: World) -> list[Finding]:
     motion = interpolate(plan, world)
     touch = contacts.measure(plan, world, motion)
     return [
-        *shape.shape_findings(world),
+        *shape.shape_findings(plan, world, motion, touch),
         *form.pose_findings(plan, world),
         *form.grasp_findings(plan, world, touch),
         *form.motion_findings(plan, world, motion),

@@ -19,12 +19,16 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 VERTICES = 5  # whose patches are looked at
+ALL_ABOUT = 40  # … for the foot of a point: a large patch may have small ones about it that share none of its corners
 PATCHES = 4  # of them that are looked at more closely
 FINER, FINEST = 4.0, 4e-3  # how much smaller each round's part of a patch is, and the last one's
 WHOLE = np.array([(i, j) for i in range(6) for j in range(6 - i)]) / 5.0
 """Shares of a patch's corners 1 and 2, all over it."""
 AROUND = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) / 2.0
 """… and about one point."""
+BALL = solids.KINDS.index("sphere")
+DIFFERENCE = 1e-3  # in shares of a patch, for its tangents
+NEWTON = 3  # steps to a foot
 STEP = 1e-6  # m, for the gradient of a tip's distance
 
 
@@ -72,11 +76,31 @@ class Surface:
 
     def nearest(self, tip: Tip) -> tuple[float, Array]:
         """The least signed distance of the surface from the tip, m, and the point (3,) of it, in O."""
+        distance, control, uv = self._nearest(tip, VERTICES)
+        return distance, bezier(control[None], uv[None, None])[0, 0]
+
+    def foot(self, point: Array) -> tuple[Array, Array]:
+        """The surface's point nearest to a point (3,) beside it, and its unit outward normal there, (3,) each, in O.
+
+        From the nearest one of those looked at, by Gauss and Newton's steps on its patch.
+        """
+        _, control, uv = self._nearest(Tip(BALL, np.zeros(4), np.eye(3), point), ALL_ABOUT)
+        for _ in range(NEWTON):
+            across, on = tangents(control, uv), bezier(control[None], uv[None, None])[0, 0]
+            uv = inside(uv + np.linalg.lstsq(across.T, point - on)[0])
+        normal = np.cross(*tangents(control, uv))
+        return bezier(control[None], uv[None, None])[0, 0], normal / np.linalg.norm(normal)
+
+    def _nearest(self, tip: Tip, count: int) -> tuple[float, Array, Array]:
+        """The least distance, and where it is: the patch (10, 3) and shares (2,) of its corners.
+
+        count: vertices whose patches are looked at.
+        """
         reach = float(np.sum(tip.size[:3])) + self._longest
         near = np.array(self._tree.query_ball_point(tip.p_OT, reach), np.int64)
         if len(near) == 0:
             near = np.atleast_1d(self._tree.query(tip.p_OT)[1])
-        best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:VERTICES]]
+        best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:count]]
         by_vertex, start = self._faces_at
         faces = self.skin.faces[np.unique(np.concatenate([by_vertex[start[v] : start[v + 1]] for v in best]))]
         control = patches(self.skin.vertices[faces], self.skin.normals[faces])
@@ -89,7 +113,7 @@ class Surface:
             least = away[np.arange(len(at)), at]
             if width < FINEST:
                 face = int(least.argmin())
-                return float(least[face]), points[face, at[face]]
+                return float(least[face]), control[face], uv[face, at[face]]
             kept = np.argsort(least, kind="stable")[:PATCHES]
             width /= FINER
             control, uv = control[kept], inside(uv[kept, at[kept]][:, None] + width * AROUND)
@@ -126,3 +150,10 @@ def bezier(control: Array, uv: Array) -> Array:
         6 * u * v * w,
     ]  # fmt: skip
     return np.einsum("kfn,fkx->fnx", np.array(weights), control)
+
+
+def tangents(control: Array, uv: Array) -> Array:
+    """Derivatives (2, 3) of a cubic patch's (10, 3) points by the shares uv (2,)."""
+    steps = DIFFERENCE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    a, b, c, d = bezier(control[None], (uv + steps)[None])[0]
+    return np.stack([a - b, c - d]) / (2.0 * DIFFERENCE)
