@@ -74,13 +74,12 @@ def test_nine_of_ten_certified_plans_pass(planned, passed, home_plan, monkeypatc
     plan = home_plan("fig3-puma3")
     failure = Failure("equilibrium", "segment 1", "object", "no contact forces hold it", "more friction")
     certificate = type("Certificate", (), {"refusals": ()})
-    monkeypatch.setattr(benched, "builtin", lambda: {"fig3-puma3": ""})
     monkeypatch.setattr(benched, "compile_kernels", lambda: 0.0)
     monkeypatch.setattr(benched, "check", lambda _: certificate)
     monkeypatch.setattr(
         benched, "plan_scene", lambda _, seed, __: Outcome(plan, None) if seed < planned else Outcome(None, failure)
     )
-    answer = benched.scenes(seeds=10)
+    answer = benched.scenes(10, ["fig3-puma3"])
     row = answer["scenes"][0]
     assert answer["passed"] is passed
     assert (row["planned"], row["certified"], row["intervals"]) == (planned, planned, len(plan.V))
@@ -117,11 +116,10 @@ def test_replays_pass_by_their_rates(open_loop, feedback, trials, passed, home_p
         tried = tuple(Trial((1e-3, 0.01), 0.0, 1.0, n >= good, None if n < good else failed) for n in range(trials))
         return Replay("fig3-puma3", nominal, (Trials("feedback", (5e-3, 0.1), tried),))
 
-    monkeypatch.setattr(replays, "builtin", lambda: {"fig3-puma3": ""})
     monkeypatch.setattr(replays, "compile_kernels", lambda: 0.0)
     monkeypatch.setattr(replays, "plan_scene", lambda *_: Outcome(plan, None))
     monkeypatch.setattr(replays, "replay", replayed)
-    answer = replays.replays(seeds=20)
+    answer = replays.replays(20, ["fig3-puma3"])
     row = answer["scenes"][0]
     assert answer["passed"] is passed
     assert (row["open"]["passed"], row["feedback"]["passed"]) == (open_loop, feedback)

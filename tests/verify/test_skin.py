@@ -6,6 +6,7 @@ import pytest
 from regrasp.scene import solids
 from regrasp.scene.grids import Grid, Spline, nodes, skin_of
 from regrasp.scene.schema import Object
+from regrasp.verify.contacts import NORMAL, TOUCH, beside
 from regrasp.verify.skin import Surface, Tip
 
 BOX = Object(shape="box", size=(0.03, 0.02, 0.025), rounding=0.004, mass=1.0)
@@ -46,6 +47,38 @@ def test_the_patches_are_the_spline_as_a_ball_feels_it(grid: Grid, surface: Surf
         _, point = surface.nearest(back)
         assert np.linalg.norm(point - p_O) < 6e-5
         assert np.arccos(min(1.0, back.normal(point) @ n)) < np.radians(0.3)
+
+
+def test_a_ball_on_a_face_is_off_by_the_way_from_where_it_is_nearest(surface: Surface) -> None:
+    """Stated 0.3 mm aside it is refused, 0.05 mm aside it is not."""
+    radius, n = 0.012, np.array([0.0, 0.0, 1.0])
+    under = np.array([0.004, -0.003, BOX.size[2]])
+    ball = Tip(0, TIPS["sphere"][1], np.eye(3), under + radius * n)
+    for aside in (0.0, 5e-5, 3e-4):
+        foot, _, off, turn = beside(surface, ball, under + [aside, 0.0, 0.0], n)
+        np.testing.assert_allclose(foot, under + [aside, 0.0, 0.0], atol=1e-5)
+        assert off == pytest.approx(aside, abs=2e-5)
+        assert turn == pytest.approx(aside / radius, abs=2e-3)
+        assert (off < TOUCH) == (aside < 1e-4)
+
+
+def test_a_ball_in_a_hollow_hardly_wider_is_measured_where_it_is_stated() -> None:
+    """Its nearest point is not: a micrometre of the surface moves that by tenths of a millimetre."""
+    radius, pit = 0.012, 0.0125
+    half, centre = np.array([0.02, 0.02, 0.01]), np.array([0.0, 0.0, 0.01 + pit - 0.002])
+    origin, shape = nodes(-half, half, 0.0005)
+    points = origin + 0.0005 * np.argwhere(np.ones(shape, bool))
+    outside = np.abs(points) - half
+    box = np.linalg.norm(np.maximum(outside, 0.0), axis=1) + np.minimum(outside.max(axis=1), 0.0)
+    values = np.maximum(box, pit - np.linalg.norm(points - centre, axis=1))
+    hollow = Surface(skin_of(Grid(origin, 0.0005, values.reshape(shape))))
+    for lean in (0.0, 0.05, 0.1):
+        n = np.array([-np.sin(lean), 0.0, np.cos(lean)])
+        p = centre - pit * n
+        foot, _, off, turn = beside(hollow, Tip(0, TIPS["sphere"][1], np.eye(3), p + radius * n), p, n)
+        assert np.linalg.norm(foot - p) < 2e-5
+        assert off < TOUCH
+        assert turn < NORMAL
 
 
 @pytest.mark.parametrize("name", TIPS)

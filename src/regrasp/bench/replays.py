@@ -1,5 +1,6 @@
 """Plans of every built-in scene, executed in physics: as planned, and in perturbed trials with object feedback."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from rich.table import Table
 from regrasp.bench.kernels import compile_kernels, print_reasons, say
 from regrasp.planner.method import plan_scene
 from regrasp.planner.task import Settings
-from regrasp.scene.load import builtin, load
+from regrasp.scene.load import load
 from regrasp.settings import read
 from regrasp.verify.replay import MODES, RATE, Nominal, Trial, replay
 from regrasp.verify.trials import wilson
@@ -24,16 +25,14 @@ NEAR, NEAR_RATE = (0.01, np.radians(10.0)), 0.8
 """m and rad within which such plans end near the goal, and the part of them that must with feedback."""
 
 
-def replays(seeds: int) -> dict[str, Any]:
-    """Every built-in scene with seeds 0 … seeds − 1 and default settings: planned, executed, tried TRIALS times.
+def replays(seeds: int, names: Sequence[str]) -> dict[str, Any]:
+    """Built-in scenes with seeds 0 … seeds − 1 and default settings: planned, executed, tried TRIALS times.
 
     A seed without a plan counts as a failure. Passed if open loop reaches the goal in 95 %, feedback in all, and 95 % of
     the perturbed trials with feedback; where supports carry the object, if 80 % end near the goal with feedback.
     """
     compile_kernels()
-    rows = [
-        scene_row(name, seeds, -(-(GUIDED_TRIALS if load(name).carriers else TRIALS) // seeds)) for name in builtin()
-    ]
+    rows = [scene_row(name, seeds, -(-(GUIDED_TRIALS if load(name).carriers else TRIALS) // seeds)) for name in names]
     table = Table(title=f"replay, {seeds} seeds per scene", title_justify="left", box=None, padding=(0, 1, 0, 0))
     for heading in ("scene", "mode", "at goal", "near", "worst", "on the way", "corr.", "speed"):
         table.add_column(heading, justify="left" if heading in ("scene", "mode") else "right", no_wrap=True)

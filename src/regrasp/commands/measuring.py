@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from regrasp.commands.line import DONE, REFUSED, Answer, parse
 from regrasp.errors import InputError
+from regrasp.scene.load import builtin
 
 BENCHES = {
     "paper": "searches",
@@ -19,6 +20,8 @@ BENCHES = {
 }
 """Benchmark → the module of `regrasp.bench` that has it."""
 
+BY_SCENE = ("scenes", "replays")
+
 
 def bench(arguments: list[str]) -> Answer:
     import tyro
@@ -29,7 +32,8 @@ def bench(arguments: list[str]) -> Answer:
             tyro.conf.Positional,
         ],
         seeds: int = 10,
-    ) -> tuple[str, int]:
+        scenes: tuple[str, ...] = (),
+    ) -> tuple[str, int, tuple[str, ...]]:
         """Read the command line.
 
         Args:
@@ -40,12 +44,18 @@ def bench(arguments: list[str]) -> Answer:
                 goals: random goals of objects in three fingertips. scans: the same with scanned objects (`regrasp[ycb]`).
                 view: size of pages, time until they are served, frames made per second.
             seeds: How many seeds are run, goals per object, or times a page is served.
+            scenes: Built-in scenes that `scenes` and `replays` take; all where none is named.
         """
-        return name, seeds
+        return name, seeds, scenes
 
-    name, seeds = parse(request, "bench", arguments)
+    name, seeds, scenes = parse(request, "bench", arguments)
     if seeds < 1:
         raise InputError("--seeds", f"is {seeds}", "1 or more")
+    if scenes and name not in BY_SCENE:
+        raise InputError("--scenes", f"is given for {name}", f"only {' and '.join(BY_SCENE)} go scene by scene")
+    for scene in scenes:
+        if scene not in builtin():
+            raise InputError("--scenes", f"is {scene!r}", f"built-in scenes: {', '.join(builtin())}")
     module = importlib.import_module(f"regrasp.bench.{BENCHES[name]}")
-    answer = getattr(module, name)(seeds=seeds)
+    answer = getattr(module, name)(seeds=seeds, **({"names": scenes or builtin()} if name in BY_SCENE else {}))
     return (DONE if answer.get("passed", True) else REFUSED), {"bench": name, **answer}

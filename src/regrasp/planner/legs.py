@@ -319,12 +319,13 @@ def annealed(
 ) -> Planned:  # fmt: skip
     """Local plans of the pieces of the first arc, each from where the one before ends."""
     planned, pieces = list(before), pieces_of(task, arcs[0])
+    # Where the object rests all may take hold anew.
+    after = [] if len(arcs) == 1 or task.router.rests(arcs[1].start) else pieces_of(task, arcs[1])[:1]
     report = told(report, planned)
     for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
         result: ArcResult | None = None
-        coming = pieces[at + 1 :] or [piece for arc in arcs[1:2] for piece in pieces_of(task, arc)[:1]]
-        longer, ahead = with_ahead(task, piece, coming)
+        longer, ahead = with_ahead(task, piece, pieces[at + 1 :] or after)
         for path in ways_along(task, *longer, grasp):
             V, local = unchanged(grasp, len(path.R_WO)), task.settings.local
             result = plan_arc(task.hand, path, grasp, task.names, local, rng, report, stage, clock, parts, V, ahead)

@@ -107,7 +107,7 @@ def find_grasp(
     restarts = settings.restarts * (MORE if wandering else 1)
     found = choices(fixed, margins, ahead, lp, drawn_from, u, restarts)
     best = sorted(found, key=lambda each: found[each])
-    if not wandering:
+    if not (wandering or carried):
         safe = lasting_choice(fixed, margins, ahead, lp, legal, u, best)
         best = best if safe is None else [safe, *(choice for choice in best if choice != safe)]
     if not best:

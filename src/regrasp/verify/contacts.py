@@ -51,7 +51,7 @@ class Contacts:
     rim: NDArray[np.bool_]
     """(N, S, k): whether the contact is on a cylinder's rim, which the model has of capsules, and taken from there."""
     off: Array
-    """(N, S, k): signed distance tip–p_O, m."""
+    """(N, S, k): how far p_O is off the tip, or along it off the point with the surface's normal, m."""
     turn: Array
     """(N, S, k): angle between the object's and the tip's normal at p_O, rad."""
 
@@ -99,7 +99,7 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
 
 
 def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contacts: Contacts) -> None:
-    """`measure` where the object is a mesh: at the point of its surface nearest to the stated one.
+    """`measure` where the object is a mesh: at the point of its surface nearest to the stated one (`beside`).
 
     A tip touches there if both have this point, their normals oppose, and they overlap nowhere. The nearest
     points of tip and surface say less: in a hollow that is little wider than the tip all points are about as near to it (0.4 µm
@@ -111,10 +111,21 @@ def _on_skin(plan: Plan, world: World, motion: Motion, surface: Surface, contact
         for s in range(motion.time.shape[1]):
             tip = Tip(agent.tip_kind, agent.tip_size, motion.R_OT[j, s, a], motion.p_OT[j, s, a])
             contacts.gap[j, s, a] = surface.nearest(tip)[0]
-            p_O, n_O = surface.foot(stated[j, s, a])
-            contacts.p_O[j, s, a], contacts.n_O[j, s, a] = p_O, tip.normal(p_O)
-            contacts.off[j, s, a] = tip.distance(p_O[None])[0]
-            contacts.turn[j, s, a] = max(_angle(contacts.n_O[j, s, a], n_O), _angle(normal[j, s, a], n_O))
+            measured = beside(surface, tip, stated[j, s, a], normal[j, s, a])
+            contacts.p_O[j, s, a], contacts.n_O[j, s, a], contacts.off[j, s, a], contacts.turn[j, s, a] = measured
+
+
+def beside(surface: Surface, tip: Tip, p_O: Array, n_O: Array) -> tuple[Array, Array, float, float]:
+    """A contact that is stated at p_O with the normal n_O: the surface's point there, the tip's normal, how far off, its turn.
+
+    How far off the tip is the point, or along it, m, from where its normal is the surface's: on a flat face that is where it is
+    nearest. Turn: between the surface's normal and the other two, rad.
+    """
+    foot, normal = surface.foot(p_O)
+    n_T = tip.normal(foot)
+    angle = float(_angle(n_T, normal))
+    way = float(np.min(tip.size[tip.size > 0.0])) * angle
+    return foot, n_T, max(abs(float(tip.distance(foot[None])[0])), way), max(angle, float(_angle(n_O, normal)))
 
 
 def _under(cylinder: Part, p_O: Array) -> tuple[Array, Array]:
@@ -148,7 +159,7 @@ def contact_findings(plan: Plan, motion: Motion, contacts: Contacts) -> list[Fin
     """Contact gap over whole intervals; stated contact points and normals at the plan's samples."""
     who, touch = plan.agent_names, touching(plan)[:, None]
     at = slice(None, None, motion.K)
-    offset = np.maximum(np.linalg.norm(contacts.p_O[:, at] - plan.p_OC_O, axis=-1), np.abs(contacts.off[:, at]))
+    offset = np.maximum(np.linalg.norm(contacts.p_O[:, at] - plan.p_OC_O, axis=-1), contacts.off[:, at])
     angle = np.maximum(_angle(contacts.n_O[:, at], plan.n_O), contacts.turn[:, at])
     length = np.abs(np.linalg.norm(plan.n_O, axis=-1) - 1.0)
     rim = contacts.rim[:, at]

@@ -29,6 +29,7 @@ AROUND = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) / 2.0
 BALL = solids.KINDS.index("sphere")
 DIFFERENCE = 1e-3  # in shares of a patch, for its tangents
 NEWTON = 3  # steps to a foot
+SLIVER, SPECK = 0.1, 1e-12  # sine of the angle between sides, and m², of patches that hardly have an area
 STEP = 1e-6  # m, for the gradient of a tip's distance
 
 
@@ -76,23 +77,31 @@ class Surface:
 
     def nearest(self, tip: Tip) -> tuple[float, Array]:
         """The least signed distance of the surface from the tip, m, and the point (3,) of it, in O."""
-        distance, control, uv = self._nearest(tip, VERTICES)
-        return distance, bezier(control[None], uv[None, None])[0, 0]
+        distance, face, uv = self._nearest(tip, VERTICES)
+        return distance, bezier(patches(self.skin.vertices[face][None], self.skin.normals[face][None]), uv[None, None])[
+            0, 0
+        ]
 
     def foot(self, point: Array) -> tuple[Array, Array]:
         """The surface's point nearest to a point (3,) beside it, and its unit outward normal there, (3,) each, in O.
 
-        From the nearest one of those looked at, by Gauss and Newton's steps on its patch.
+        From the nearest one of those looked at, by Gauss and Newton's steps on its patch. On a sliver, whose tangents are not
+        to be relied on, the normal is between those of its corners.
         """
-        _, control, uv = self._nearest(Tip(BALL, np.zeros(4), np.eye(3), point), ALL_ABOUT)
+        _, face, uv = self._nearest(Tip(BALL, np.zeros(4), np.eye(3), point), ALL_ABOUT)
+        vertices, normals = self.skin.vertices[face], self.skin.normals[face]
+        control = patches(vertices[None], normals[None])[0]
         for _ in range(NEWTON):
             across, on = tangents(control, uv), bezier(control[None], uv[None, None])[0, 0]
             uv = inside(uv + np.linalg.lstsq(across.T, point - on)[0])
-        normal = np.cross(*tangents(control, uv))
+        x, y = tangents(control, uv)
+        normal = np.cross(x, y)
+        if float(np.linalg.norm(normal)) < max(SLIVER * float(np.linalg.norm(x) * np.linalg.norm(y)), SPECK):
+            normal = np.array([1.0 - uv.sum(), *uv]) @ normals
         return bezier(control[None], uv[None, None])[0, 0], normal / np.linalg.norm(normal)
 
-    def _nearest(self, tip: Tip, count: int) -> tuple[float, Array, Array]:
-        """The least distance, and where it is: the patch (10, 3) and shares (2,) of its corners.
+    def _nearest(self, tip: Tip, count: int) -> tuple[float, Ints, Array]:
+        """The least distance, and where it is: the corners (3,) of the patch, and shares (2,) of the last two.
 
         count: vertices whose patches are looked at.
         """
@@ -112,11 +121,11 @@ class Surface:
             at = away.argmin(axis=1)
             least = away[np.arange(len(at)), at]
             if width < FINEST:
-                face = int(least.argmin())
-                return float(least[face]), control[face], uv[face, at[face]]
+                best = int(least.argmin())
+                return float(least[best]), faces[best], uv[best, at[best]]
             kept = np.argsort(least, kind="stable")[:PATCHES]
             width /= FINER
-            control, uv = control[kept], inside(uv[kept, at[kept]][:, None] + width * AROUND)
+            faces, control, uv = faces[kept], control[kept], inside(uv[kept, at[kept]][:, None] + width * AROUND)
 
 
 def inside(uv: Array) -> Array:
