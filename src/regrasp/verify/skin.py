@@ -121,8 +121,8 @@ class Surface:
             at = away.argmin(axis=1)
             least = away[np.arange(len(at)), at]
             if width < FINEST:
-                best = int(least.argmin())
-                return float(least[best]), faces[best], uv[best, at[best]]
+                patch = int(least.argmin())
+                return float(least[patch]), faces[patch], uv[patch, at[patch]]
             kept = np.argsort(least, kind="stable")[:PATCHES]
             width /= FINER
             faces, control, uv = faces[kept], control[kept], inside(uv[kept, at[kept]][:, None] + width * AROUND)
