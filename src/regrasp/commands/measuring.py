@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 from regrasp.commands.line import DONE, REFUSED, Answer, parse
 from regrasp.errors import InputError
-from regrasp.scene.load import builtin
 
 BENCHES = {
     "paper": "searches",
@@ -25,6 +24,8 @@ BY_SCENE = ("scenes", "replays")
 
 def bench(arguments: list[str]) -> Answer:
     import tyro
+
+    from regrasp.scene.load import builtin
 
     def request(
         name: Annotated[
