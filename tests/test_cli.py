@@ -19,8 +19,8 @@ from PIL import Image
 
 from regrasp.cli import main
 from regrasp.plan import Plan, load
+from regrasp.scene.load import builtin, validate
 from regrasp.scene.load import load as load_scene
-from regrasp.scene.load import validate
 from regrasp.verify.findings import Certificate, Finding
 
 
@@ -165,6 +165,8 @@ def test_every_command_has_help(command, capsys, planner):
         (["view", "x.npz", "--port", "many"], "many"),
         (["bench", "papers"], "minima"),
         (["bench", "scenes", "--seeds", "0"], "--seeds"),
+        (["bench", "scenes", "--scenes", "peg"], "peg-hole"),
+        (["bench", "paper", "--scenes", "peg-hole"], "scenes and replays"),
         (["plan", "fig3-puma3"], "--output"),
         (["plan", "fig3-puma", "-o", "x.npz"], "fig3-puma3"),
         (["plan", "missing.yaml", "-o", "x.npz"], "missing.yaml"),
@@ -402,10 +404,12 @@ def test_what_was_repaired_is_said_before_the_plan_on_stderr(capsys, planner, ho
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_bench_passes_seeds_and_exits_by_its_result(passed, code, capsys, monkeypatch):
     module = types.ModuleType("regrasp.bench.scenes")
-    module.scenes = lambda seeds: {"passed": passed, "seeds": seeds}
+    module.scenes = lambda seeds, names: {"passed": passed, "seeds": seeds, "names": list(names)}
     monkeypatch.setitem(sys.modules, "regrasp.bench.scenes", module)
-    assert main(["bench", "scenes", "--seeds", "3", "--json"]) == code
-    assert json.loads(capsys.readouterr().out) == {"exit": code, "bench": "scenes", "passed": passed, "seeds": 3}
+    for asked, names in (([], list(builtin())), (["--scenes", "peg-hole"], ["peg-hole"])):
+        assert main(["bench", "scenes", "--seeds", "3", "--json", *asked]) == code
+        answer = {"exit": code, "bench": "scenes", "passed": passed, "seeds": 3, "names": names}
+        assert json.loads(capsys.readouterr().out) == answer
 
 
 def test_the_short_flags_name_fields_of_the_planner():
