@@ -29,7 +29,7 @@ class Form:
     most: int
 
 
-FORMS = {".gif": Form(420, 120, 75), ".mp4": Form(640, 40, 200)}
+FORMS = {".gif": Form(360, 120, 75), ".mp4": Form(640, 40, 200)}
 """GIF counts in hundredths of a second, and grows with every pixel that changes."""
 LAST = 1500
 """ms for which the last picture stands."""
