@@ -86,7 +86,7 @@ def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.setattr(show, "WIDTH", 320)
     monkeypatch.setattr(viewing, "_wait", lambda: None)
     monkeypatch.setattr(webbrowser, "open", lambda url: True)
-    bench = types.SimpleNamespace(**{name: lambda seeds: {} for name in measuring.BENCHES})
+    bench = types.SimpleNamespace(**{name: lambda seeds, **_: {} for name in measuring.BENCHES})
     monkeypatch.setattr(measuring, "importlib", types.SimpleNamespace(import_module=lambda name: bench))
     return tmp_path
 
