@@ -1,5 +1,7 @@
 """Contacts on triangulated surfaces: against closed forms for a ball and a rounded box."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -32,16 +34,21 @@ def surface(grid: Grid) -> Surface:
     return Surface(skin_of(grid))
 
 
-def test_the_patches_are_the_spline_as_a_ball_feels_it(grid: Grid, surface: Surface) -> None:
-    """A ball put onto the spline's surface touches it to 0.005 mm, at the point and with the normal where it was put."""
-    rng = np.random.default_rng(1)
-    spline, size = Spline(grid), TIPS["sphere"][1]
+def on_the_spline(grid: Grid, surface: Surface, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Points of the spline's surface and its unit normals there."""
+    rng, spline = np.random.default_rng(seed), Spline(grid)
     p = surface.skin.vertices[rng.choice(len(surface.skin.vertices), 60)] + 3e-4 * rng.normal(size=(60, 3))
     for _ in range(5):
         value, gradient = spline(p)
         p = p - (value / np.sum(gradient**2, axis=1))[:, None] * gradient
     normals = spline(p)[1]
-    for p_O, n in zip(p, normals / np.linalg.norm(normals, axis=1, keepdims=True), strict=True):
+    yield from zip(p, normals / np.linalg.norm(normals, axis=1, keepdims=True), strict=True)
+
+
+def test_the_patches_are_the_spline_as_a_ball_feels_it(grid: Grid, surface: Surface) -> None:
+    """A ball put onto the spline's surface touches it to 0.005 mm, at the point and with the normal where it was put."""
+    size = TIPS["sphere"][1]
+    for p_O, n in on_the_spline(grid, surface, 1):
         assert abs(surface.nearest(Tip(0, size, np.eye(3), p_O + size[0] * n))[0]) < 5e-6
         back = Tip(0, size, np.eye(3), p_O + (size[0] + 1e-3) * n)
         _, point = surface.nearest(back)
@@ -131,14 +138,7 @@ def test_a_tip_inside_is_as_deep_as_it_is(surface: Surface) -> None:
 
 def test_the_foot_of_a_point_beside_the_spline_is_its_own_with_its_normal(grid: Grid, surface: Surface) -> None:
     """That is what the judge measures where a contact is stated."""
-    rng = np.random.default_rng(2)
-    spline = Spline(grid)
-    p = surface.skin.vertices[rng.choice(len(surface.skin.vertices), 60)] + 3e-4 * rng.normal(size=(60, 3))
-    for _ in range(5):
-        value, gradient = spline(p)
-        p = p - (value / np.sum(gradient**2, axis=1))[:, None] * gradient
-    normals = spline(p)[1]
-    for p_O, n in zip(p, normals / np.linalg.norm(normals, axis=1, keepdims=True), strict=True):
+    for p_O, n in on_the_spline(grid, surface, 2):
         foot, normal = surface.foot(p_O + 5e-5 * n)
         assert abs((foot - p_O) @ n) < 2e-6
         assert np.linalg.norm(foot - p_O) < 6e-5  # where a patch meets smaller ones there are cracks as wide

@@ -99,12 +99,12 @@ def goals(seeds: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         write_bracket(Path(folder))
         rows = [row_of(name, [scene_of(name, *goal, Path(folder)) for goal in drawn]) for name in OBJECTS]
-    show(f"{seeds} random goals per object, three fingertips, {LIMIT:g} s each", rows)
-    return {"passed": all(row["certified"] >= MARK * seeds for row in rows), "goals": seeds, "objects": rows}
+    return shown("object", seeds, rows)
 
 
-def show(title: str, rows: list[dict[str, Any]]) -> None:
-    """The rows as a table, and why goals were missed."""
+def shown(what: str, seeds: int, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The answer, after the rows are printed as a table, and why goals were missed; what: a row is of."""
+    title = f"{seeds} random goals per {what}, three fingertips, {LIMIT:g} s each"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for heading in ("object", "planned", "certified", "median s", "90 % s"):
         table.add_column(heading, justify="left" if heading == "object" else "right", no_wrap=True)
@@ -115,6 +115,7 @@ def show(title: str, rows: list[dict[str, Any]]) -> None:
     console = Console()
     console.print(table)
     print_reasons(console, rows)
+    return {"passed": all(row["certified"] >= MARK * seeds for row in rows), "goals": seeds, "objects": rows}
 
 
 def row_of(name: str, scenes: list[Scene]) -> dict[str, Any]:

@@ -26,13 +26,7 @@ from regrasp.planner.motion import detail
 from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure, Progress, Report
 from regrasp.planner.path import Path, Pose
-from regrasp.planner.pieces import (
-    paths_of,
-    pieces_of,
-    rest_at,
-    ways_along,
-    with_ahead,
-)
+from regrasp.planner.pieces import paths_of, pieces_of, rest_at, ways_along, with_ahead
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
 from regrasp.planner.stances import Stance, find_grasp

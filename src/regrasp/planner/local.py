@@ -1,5 +1,6 @@
 """The local planner (paper §4): simulated annealing over the matrix V of contact motions between two subgoals."""
 
+import functools
 import math
 import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -145,10 +146,14 @@ def plan_arc(
             if state.best_energy == seen[0]:
                 return False
             seen[0] = state.best_energy
-            looked.reset(state.best[:n])
-            return looked.breaks_nothing()
+            looked().reset(state.best[:n])
+            return looked().breaks_nothing()
 
-        looked, seen, share = beside(terms, problem.snapshot()), [math.nan], clock.share(parts)
+        @functools.cache  # most runs are never short of time
+        def looked() -> ContactMotions:
+            return beside(terms, problem.snapshot())
+
+        seen, share = [math.nan], clock.share(parts)
         result = anneal(problem, annealing, rng, watch, share.elapsed)
         with one:  # the interpreter runs one thread at a time anyway, and who comes second may find all done
             if done.is_set():

@@ -127,7 +127,7 @@ def lasting_choice(
     u: Array,
     known: list[Choice],
 ) -> Choice | None:
-    """Candidates on which all agents can stay along the whole path: the first such of the known ones, else one found soon.
+    """Candidates in the air on which all agents can stay along the whole path: the first known ones, else some found soon.
 
     Every look ahead finds them lasting; which of them are not, between the looks, is seen by following the choice's contacts,
     and is written to ahead.kept.
@@ -141,11 +141,11 @@ def lasting_choice(
         return held and not lost
 
     for choice in known:
-        if all(ahead.kept[a, c] >= 1.0 for a, c in enumerate(choice) if c != OUT) and lasts(choice):
+        if all(ahead.kept[a, c] >= 1.0 for a, c in enumerate(choice)) and lasts(choice):
             return choice
     for row in range(ROUNDS):
         sure = replace(ahead, kept=np.where(ahead.kept >= 1.0, 1.0, -1.0))
-        among = [free[(free == OUT) | (kept[free] >= 0.0)] for kept, free in zip(sure.kept, legal, strict=True)]
+        among = [free[kept[free] >= 0.0] for kept, free in zip(sure.kept, legal, strict=True)]
         found = choices(fixed, margins, sure, lp, among, u[row::ROUNDS], 1) if all(map(len, among)) else {}
         if not found:
             return None

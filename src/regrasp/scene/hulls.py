@@ -11,15 +11,10 @@ from regrasp.scene.triangles import moments
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CONCAVITY = (
-    0.05  # how far, in halves of the mesh's longest side, the parts may cover what the mesh does not; CoACD's threshold
-)
+CONCAVITY = 0.05  # CoACD's threshold: how far, in halves of the longest side, parts may cover what the mesh does not
 CONVEX = 0.98  # of its hull's volume that a mesh fills which is taken for its hull
-SEARCH = {
-    "mcts_iterations": 60,
-    "mcts_max_depth": 2,
-    "resolution": 1000,
-}  # CoACD's least: its default takes ten times as long
+SEARCH = {"mcts_iterations": 60, "mcts_max_depth": 2, "resolution": 1000}
+"""CoACD's least: its default takes many times as long."""
 CORNERS = 256  # vertices of a part at most
 EXACT = 1e-5  # m that leaving out a vertex may cost
 ROUND = 2e-5  # m that the ball which a rounded part is swept by may lack
@@ -77,9 +72,8 @@ def hollow(vertices: Array, corners: Array) -> float:
     """How deep a vertex of the mesh lies below the hull of the corners, m, at most."""
     from scipy.spatial import ConvexHull
 
-    planes = ConvexHull(corners).equations
     above = np.full(len(vertices), -np.inf)
-    for plane in planes:
+    for plane in ConvexHull(corners).equations:
         np.maximum(above, vertices @ plane[:3] + plane[3], out=above)
     return float(-above.min())
 

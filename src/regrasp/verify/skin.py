@@ -78,9 +78,7 @@ class Surface:
     def nearest(self, tip: Tip) -> tuple[float, Array]:
         """The least signed distance of the surface from the tip, m, and the point (3,) of it, in O."""
         distance, face, uv = self._nearest(tip, VERTICES)
-        return distance, bezier(patches(self.skin.vertices[face][None], self.skin.normals[face][None]), uv[None, None])[
-            0, 0
-        ]
+        return distance, bezier(self._patches(face[None]), uv[None, None])[0, 0]
 
     def foot(self, point: Array) -> tuple[Array, Array]:
         """The surface's point nearest to a point (3,) beside it, and its unit outward normal there, (3,) each, in O.
@@ -89,16 +87,18 @@ class Surface:
         to be relied on, the normal is between those of its corners.
         """
         _, face, uv = self._nearest(Tip(BALL, np.zeros(4), np.eye(3), point), ALL_ABOUT)
-        vertices, normals = self.skin.vertices[face], self.skin.normals[face]
-        control = patches(vertices[None], normals[None])[0]
+        control = self._patches(face[None])[0]
         for _ in range(NEWTON):
             across, on = tangents(control, uv), bezier(control[None], uv[None, None])[0, 0]
             uv = inside(uv + np.linalg.lstsq(across.T, point - on)[0])
         x, y = tangents(control, uv)
         normal = np.cross(x, y)
         if float(np.linalg.norm(normal)) < max(SLIVER * float(np.linalg.norm(x) * np.linalg.norm(y)), SPECK):
-            normal = np.array([1.0 - uv.sum(), *uv]) @ normals
+            normal = np.array([1.0 - uv.sum(), *uv]) @ self.skin.normals[face]
         return bezier(control[None], uv[None, None])[0, 0], normal / np.linalg.norm(normal)
+
+    def _patches(self, faces: Ints) -> Array:
+        return patches(self.skin.vertices[faces], self.skin.normals[faces])
 
     def _nearest(self, tip: Tip, count: int) -> tuple[float, Ints, Array]:
         """The least distance, and where it is: the corners (3,) of the patch, and shares (2,) of the last two.
@@ -112,7 +112,7 @@ class Surface:
         best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:count]]
         by_vertex, start = self._faces_at
         faces = self.skin.faces[np.unique(np.concatenate([by_vertex[start[v] : start[v + 1]] for v in best]))]
-        control = patches(self.skin.vertices[faces], self.skin.normals[faces])
+        control = self._patches(faces)
         uv = np.broadcast_to(WHOLE, (len(faces), *WHOLE.shape))
         width = 1.0
         while True:
