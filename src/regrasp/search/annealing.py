@@ -52,7 +52,7 @@ class Settings:
     """
 
     iterations: int = 4000
-    trials: int = 200
+    trials: int = 50
     acceptance: float = 0.3
     final: float = 1e-3
 
