@@ -14,6 +14,7 @@ from regrasp.bench.replans import Displaced, asked, draws, inside, moved
 from regrasp.errors import InputError
 from regrasp.plan import OFF, RELOCATE, STAY, Plan
 from regrasp.planner.along import apart, joints_at, pose_at
+from regrasp.planner.arms import poses_of
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.measured import measured_grasp
@@ -142,6 +143,29 @@ def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> No
         assert answer.plan is replanner.plan
         t += 0.5
     assert check(answer.plan).passed
+
+
+def test_a_hand_on_an_arm_is_planned_again_from_where_the_arm_has_taken_it() -> None:
+    plan = plan_scene(load("arm-hand-carry"), 0, Settings()).plan
+    assert plan is not None
+    hand = hand_of(from_plan(plan.scene, plan.xml, plan.assets))
+    rng, n = np.random.default_rng(0), len(hand.home)
+    for part in (0.2, 0.7):
+        t = part * float(plan.time[-1, -1])
+        (R, p), q = pose_at(plan, t), joints_at(plan, t)
+        away = q.copy()
+        away[n:] += 0.02 * rng.standard_normal(len(q) - n)
+        R_WP, p_WP, _, _ = poses_of(hand, np.stack([q[n:], away[n:]]))
+        turn = R_WP[1, 1] @ R_WP[1, 0].T
+        X_WO = turn @ R, p_WP[1, 1] + turn @ (p - p_WP[1, 0])
+        answer = asked(Replanner(plan, SOME), Displaced(t, X_WO, away))[-1]
+        assert answer.new, str(answer.failure)
+        assert answer.off[0] > SOME.position
+        # A finger that rolls as its joints make it touches anew, within a micrometre of where it did.
+        np.testing.assert_allclose(answer.plan.joints[0, 0], away, atol=1e-5)
+        assert max(apart(pose_at(answer.plan, t), X_WO)) < 1e-6
+        certificate = check(answer.plan)
+        assert certificate.passed, [str(finding) for finding in certificate.refusals]
 
 
 def test_a_finger_in_flight_stays_in_the_air_though_it_is_near(plan: Plan, hand: Hand) -> None:

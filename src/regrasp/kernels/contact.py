@@ -21,7 +21,7 @@ import math
 from regrasp.kernels.grids import Grids
 from regrasp.kernels.native import inlined, kernel
 from regrasp.kernels.rotations import Array, Triple, along, cross, dot, norm, plus, rodrigues, triple, unit
-from regrasp.kernels.surfaces import bend, field, frame
+from regrasp.kernels.surfaces import bends, field, frame
 
 Columns = tuple[Triple, Triple, Triple]
 Size = tuple[float, float, float, float]
@@ -110,7 +110,7 @@ def _curvature(kind: int, size: Size, grids: Grids, p: Triple, x: Triple, y: Tri
     """The shape operator at p as a form on the tangents x, y: (xᵀSx, xᵀSy, yᵀSy) [1/m]."""
     F, g = field(kind, size, grids, p)
     length = norm(g)
-    bend_x, bend_y = bend(kind, size, grids, p, F, g, x), bend(kind, size, grids, p, F, g, y)
+    bend_x, bend_y = bends(kind, size, grids, p, F, g, x, y)
     return dot(x, bend_x) / length, dot(y, bend_x) / length, dot(y, bend_y) / length
 
 

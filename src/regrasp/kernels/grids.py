@@ -154,13 +154,16 @@ def grid_field(grids: Grids, m: int, p: Vector) -> tuple[float, Triple]:
 
 
 @kernel
-def grid_bend(grids: Grids, m: int, p: Vector, d: Vector) -> Triple:
-    """∇²F d of grid m at the point p; outside the grid that of the distance to a point."""
+def grid_bends(grids: Grids, m: int, p: Vector, d: Vector, e: Vector) -> tuple[Triple, Triple]:
+    """(∇²F d, ∇²F e) of grid m at the point p; outside the grid that of the distance to a point."""
     outside, _ = _beyond(grids, m, p)
     if outside:
         F, g = grid_field(grids, m, p)
-        along = dot(g, d)
-        return (d[0] - along * g[0]) / F, (d[1] - along * g[1]) / F, (d[2] - along * g[2]) / F
+        along, across = dot(g, d), dot(g, e)
+        return (
+            ((d[0] - along * g[0]) / F, (d[1] - along * g[1]) / F, (d[2] - along * g[2]) / F),
+            ((e[0] - across * g[0]) / F, (e[1] - across * g[1]) / F, (e[2] - across * g[2]) / F),
+        )
     i, u = _cell(grids, m, 0, p[0])
     j, v = _cell(grids, m, 1, p[1])
     k, w = _cell(grids, m, 2, p[2])
@@ -183,11 +186,11 @@ def grid_bend(grids: Grids, m: int, p: Vector, d: Vector) -> Triple:
             s_z, s_yz, s_zz = s_z + b[q] * slope, s_yz + db[q] * slope, s_zz + b[q] * curve
         xx, xy, xz = xx + dda[r] * s, xy + da[r] * s_y, xz + da[r] * s_z
         yy, yz, zz = yy + a[r] * s_yy, yz + a[r] * s_yz, zz + a[r] * s_zz
-    h2 = grids.spacing[m] * grids.spacing[m]
+    h2 = 1.0 / (grids.spacing[m] * grids.spacing[m])
+    xx, xy, xz, yy, yz, zz = h2 * xx, h2 * xy, h2 * xz, h2 * yy, h2 * yz, h2 * zz
     return (
-        (xx * d[0] + xy * d[1] + xz * d[2]) / h2,
-        (xy * d[0] + yy * d[1] + yz * d[2]) / h2,
-        (xz * d[0] + yz * d[1] + zz * d[2]) / h2,
+        (xx * d[0] + xy * d[1] + xz * d[2], xy * d[0] + yy * d[1] + yz * d[2], xz * d[0] + yz * d[1] + zz * d[2]),
+        (xx * e[0] + xy * e[1] + xz * e[2], xy * e[0] + yy * e[1] + yz * e[2], xz * e[0] + yz * e[1] + zz * e[2]),
     )
 
 
@@ -223,7 +226,7 @@ def grid_project(grids: Grids, m: int, p: Vector) -> tuple[float, Triple, Triple
         f = cross(n, e)
         _, g = grid_field(grids, m, x)
         k = d / norm(g)
-        bend_e, bend_f = grid_bend(grids, m, x, e), grid_bend(grids, m, x, f)
+        bend_e, bend_f = grid_bends(grids, m, x, e, f)
         ee, ef, ff = 1.0 + k * dot(e, bend_e), k * dot(f, bend_e), 1.0 + k * dot(f, bend_f)
         determinant = ee * ff - ef * ef
         if determinant > 1e-3 and ee > 0.0:

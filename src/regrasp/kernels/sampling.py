@@ -1,11 +1,13 @@
 """Points spread near-uniformly by area over a surface."""
 
+import functools
 import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from regrasp.kernels.grids import Grids, grid_field
+from regrasp.kernels.grids import Grids, grid_field, grid_project
 from regrasp.kernels.native import heap
 from regrasp.kernels.rotations import Array
 from regrasp.kernels.surfaces import BOX, CAPSULE, CYLINDER, ELLIPSOID, MESH, SPHERE, project
@@ -111,48 +113,82 @@ def _sample_box(size: Array, count: int) -> Array:
     return np.concatenate(patches)
 
 
-DENSE = 40  # points of a mesh from which one sample is chosen
-ROUNDS = 8  # of Lloyd's method
+CLOUD, DENSE = 8000, 12  # points of a mesh from which one sample is chosen: at least so many, and so many for each
+ROUNDS = 3  # of Lloyd's method
 FAR = 2.0  # spacings from a point to the farthest corner of its half cell, and what a coefficient is off its value by
 
 
 def _sample_mesh(grids: Grids, size: Array, count: int) -> tuple[Array, Array]:
-    """`sample` of a mesh: a cloud, equally dense by area, and of that as many points, centres of equal parts.
+    """`sample` of a mesh: of a cloud, equally dense by area, as many points, centres of equal parts.
 
-    The cloud are the closest points to a lattice in a thin shell on both sides of the surface: what a shell's volume has too
-    much on its outer side it lacks on the inner. Of the cloud the furthest points are taken one after another, then each
-    moves to the middle of the part next to it (Lloyd). Two sides of a thin wall are as far apart as their normals say.
+    Of the cloud the furthest points are taken one after another, then each moves to the middle of the part next to it
+    (Lloyd). Two sides of a thin wall are as far apart as their normals say.
     """
-    m = int(size[0])
+    from scipy.spatial import cKDTree
+
+    cloud, normals, area = _cloud(grids, int(size[0]), max(CLOUD, DENSE * count))
+    places = np.concatenate((cloud, 0.5 * math.sqrt(area / count) * normals), axis=1)
+    chosen, tree = _furthest(places, count), cKDTree(places)
+    for _ in range(ROUNDS):
+        nearest = cKDTree(places[chosen]).query(places)[1]
+        held = np.bincount(nearest, minlength=count)
+        middles = np.stack([np.bincount(nearest, column, count) / np.maximum(held, 1) for column in places.T], axis=1)
+        chosen = np.where(held > 0, tree.query(middles)[1], chosen)
+    return cloud[chosen], normals[chosen]
+
+
+@functools.lru_cache(maxsize=8)
+def _cloud(grids: Grids, m: int, least: int) -> tuple[Array, Array, float]:
+    """At least so many points of grid m's surface, equally dense by area, their normals, and the surface's area.
+
+    They are the closest points to a lattice in a thin shell on both sides of the surface: what a shell's volume has too much
+    on its outer side it lacks on the inner.
+    """
     o, n, h = grids.origin[m], grids.shape[m], float(grids.spacing[m])
     parts = 1
     while True:
         axes = [o[a] + h / parts * (np.arange((n[a] - 1) * parts) + 0.5) for a in range(3)]
         shell = _shell(grids, m, axes[0], axes[1], axes[2], 0.5 * h)
-        if len(shell) >= DENSE * count:
+        if len(shell) >= least:
             break
         parts *= 2
-    from scipy.spatial import cKDTree
-
     area = len(shell) * (h / parts) ** 3 / h  # the shell's volume through its width
-    few = np.sort(np.random.default_rng(0).choice(len(shell), DENSE * count, replace=False))
-    cloud = shell[few]
-    normals = np.empty_like(cloud)
-    for point, normal in zip(cloud, normals, strict=True):
-        project(MESH, size, grids, point, point, normal)
-    spacing = math.sqrt(area / count)
-    places = np.concatenate((cloud, 0.5 * spacing * normals), axis=1)
-    chosen = np.zeros(count, np.int64)
-    away = np.linalg.norm(places - places.mean(axis=0), axis=1)
+    few = np.sort(np.random.default_rng(0).choice(len(shell), least, replace=False))
+    return *_feet(grids, m, shell[few]), area
+
+
+@heap
+def _feet(grids: Grids, m: int, points: Array) -> tuple[Array, Array]:
+    """The closest points of grid m's surface to points (·, 3), and the normals there."""
+    feet, normals = np.empty_like(points), np.empty_like(points)
+    for i in range(len(points)):
+        _, foot, n = grid_project(grids, m, (points[i, 0], points[i, 1], points[i, 2]))
+        feet[i, 0], feet[i, 1], feet[i, 2] = foot
+        normals[i, 0], normals[i, 1], normals[i, 2] = n
+    return feet, normals
+
+
+@heap
+def _furthest(places: Array, count: int) -> NDArray[np.int64]:
+    """Of places (·, d) so many: the furthest from their middle, then one by one the furthest from those already chosen."""
+    n, d = places.shape
+    chosen, away, from_here = np.zeros(count, np.int64), np.full(n, np.inf), np.zeros(d)
+    for a in range(d):
+        from_here[a] = np.sum(places[:, a]) / n
     for i in range(count):
-        chosen[i] = np.argmax(away)
-        away = np.minimum(away if i else np.inf, np.linalg.norm(places - places[chosen[i]], axis=1))
-    for _ in range(ROUNDS):
-        nearest = cKDTree(places[chosen]).query(places)[1]
-        held = np.bincount(nearest, minlength=count)
-        middles = np.stack([np.bincount(nearest, column, count) / np.maximum(held, 1) for column in places.T], axis=1)
-        chosen = np.where(held > 0, cKDTree(places).query(middles)[1], chosen)
-    return cloud[chosen], normals[chosen]
+        best = 0
+        for p in range(n):
+            square = 0.0
+            for a in range(d):
+                square += (places[p, a] - from_here[a]) ** 2
+            # The middle of all is no place that was chosen.
+            away[p] = square if i <= 1 else min(away[p], square)
+            if away[p] > away[best]:
+                best = p
+        chosen[i] = best
+        for a in range(d):
+            from_here[a] = places[best, a]
+    return chosen
 
 
 @heap

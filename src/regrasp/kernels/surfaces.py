@@ -20,7 +20,7 @@ signed-distance grid (`kernels.grids`): any closed surface, convex or not, C², 
 
 import math
 
-from regrasp.kernels.grids import Grids, grid_bend, grid_field, grid_project
+from regrasp.kernels.grids import Grids, grid_bends, grid_field, grid_project
 from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import Array, Triple, Vector, norm
 
@@ -91,7 +91,7 @@ def bend(kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u:
     if kind == CYLINDER:
         return _bend_cylinder(size, p, F, g, u)
     if kind == MESH:
-        return grid_bend(grids, int(size[0]), p, u)
+        return grid_bends(grids, int(size[0]), p, u, u)[0]
     rounding = size[3] if kind == BOX else size[0]
     if kind == PLANE or F + rounding <= 0.0:
         return 0.0, 0.0, 0.0
@@ -107,6 +107,16 @@ def bend(kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u:
         u_z = u_z if g[2] != 0.0 or size[2] <= rounding else 0.0
     along = g[0] * u_x + g[1] * u_y + g[2] * u_z
     return k * (u_x - along * g[0]), k * (u_y - along * g[1]), k * (u_z - along * g[2])
+
+
+@kernel
+def bends(
+    kind: int, size: Size, grids: Grids, p: Vector, F: float, g: Triple, u: Vector, v: Vector
+) -> tuple[Triple, Triple]:
+    """(∇²F u, ∇²F v), as `bend` gives them: a mesh's second derivatives are found once for both."""
+    if kind == MESH:
+        return grid_bends(grids, int(size[0]), p, u, v)
+    return bend(kind, size, grids, p, F, g, u), bend(kind, size, grids, p, F, g, v)
 
 
 @kernel
@@ -132,8 +142,7 @@ def implicit(kind: int, size: Array, grids: Grids, p: Array, g: Array, H: Array)
     """F at p (3,), with g (3,) = ∇F [1; 1/m for the ellipsoid] and H (3, 3) = ∇²F [1/m; 1/m² for the ellipsoid]."""
     F, gradient = field(kind, size, grids, p)
     g[0], g[1], g[2] = gradient
-    H[:, 0] = bend(kind, size, grids, p, F, gradient, (1.0, 0.0, 0.0))
-    H[:, 1] = bend(kind, size, grids, p, F, gradient, (0.0, 1.0, 0.0))
+    H[:, 0], H[:, 1] = bends(kind, size, grids, p, F, gradient, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     H[:, 2] = bend(kind, size, grids, p, F, gradient, (0.0, 0.0, 1.0))
     return F
 
