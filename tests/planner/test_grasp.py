@@ -193,7 +193,7 @@ def drawing(a: Arc):
     ahead = nothing_ahead(k, count, geoms)
     rest_R, rest_p = np.zeros((k, geoms, 3, 3)), np.zeros((k, geoms, 3))
     for i in range(k):
-        look_over(hand, path, scan, R_WB, p_WB, i, terms, i, ahead)
+        look_over(hand, path, scan, R_WB, p_WB, i, terms, i, ahead, 1)
         q = hand.home[a.joints(i)]
         R_WL, p_WL = np.empty((len(q) + 1, 3, 3)), np.empty((len(q) + 1, 3))
         forward(hand.chains, i, q, R_WL, p_WL)

@@ -51,9 +51,13 @@ def nothing_ahead(agents: int, candidates: int, geoms: int) -> Ahead:
 
 @heap
 def look_over(
-    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, terms: Terms, row: int, ahead: Ahead
-) -> int:
-    """Every candidate for agent i at the path's start: how many it can stand on; its row of `ahead` out."""
+    hand: Hand, path: Path, scan: Scan, R_WB: Array, p_WB: Array, i: int, terms: Terms, row: int, ahead: Ahead,
+    stride: int,
+) -> int:  # fmt: skip
+    """Every candidate for agent i at the path's start: how many it can stand on; its row of `ahead` out.
+
+    stride: intervals at once in which contacts of agents of few joints are followed (`scan.hold_on`).
+    """
     n_a, count = hand.chains.start[i + 1] - hand.chains.start[i], 0
     start = whole(0)
     q = np.zeros((LOOKS + 1, n_a))
@@ -64,7 +68,7 @@ def look_over(
             continue
         count += 1
         p, n_O = ahead.p_O[row, c], ahead.n_O[row, c]
-        reached = stay_on(hand, path, scan, terms.commands, start, i, c, whole(1), q, p, n_O)
+        reached = stay_on(hand, path, scan, terms.commands, start, i, c, stride, q, p, n_O)
         ahead.kept[row, c] = clear_on(hand, path, scan, R_WB, p_WB, start, i, reached, q, terms.clearance) / LOOKS
         sharp = 0.0
         for look in range(LOOKS + 1):

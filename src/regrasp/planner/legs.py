@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from regrasp.kernels.surfaces import MESH
 from regrasp.planner.ahead import OUT
 from regrasp.planner.arcs import Arc
 from regrasp.planner.assemble import Segment
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 DENSER = (2, 5)  # times as many candidates of agents of few joints, at first and where no contacts on those last
+COARSE = 3  # intervals at once in which contacts on a mesh are followed at first: they cost ten times those on other surfaces
 STANCES = 3  # grasps that are tried where agents take hold of what supports carry
 ORDERS = 6  # in which the agents take hold anew that are tried
 HALVINGS = 3  # of an arc along which no contacts can be kept
@@ -63,16 +65,16 @@ def blocked(stage: str) -> Failure:
 
 def stances_for(
     task: Task, path: Path, rng: np.random.Generator, off: tuple[int, ...], holding: Grasp | None = None,
-    denser: int = 1,
+    denser: int = 1, stride: int = 1,
 ) -> tuple[Stance, ...] | Failure:  # fmt: skip
     """Grasps at the start of a path, those first with which the agents can probably stay in contact along it.
 
-    denser: times as many candidates as for a relocation are looked at.
+    denser: times as many candidates as for a relocation are looked at; stride: intervals at once (`ahead.look_over`).
     """
     local = task.settings.local
     relocation = replace(local.relocation, candidates=denser * local.relocation.candidates)
     scan, terms = new_scan(task.hand, path, relocation), terms_of(task.hand, local)
-    return find_grasp(task.hand, path, scan, terms, off, task.names, task.settings.grasp, rng, holding)
+    return find_grasp(task.hand, path, scan, terms, off, task.names, task.settings.grasp, rng, holding, stride)
 
 
 def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[Segment, Grasp] | Failure:
@@ -211,11 +213,13 @@ def without_search(
     if grasp is None or task.router.rests(arcs[0].start):
         # Few contacts of agents of few joints can be kept, so that more candidates are worth their time.
         many = grasp is None and wandering and not carried
-        scans = [(count, DENSER[0] if many else 1) for count in dict.fromkeys((len(arcs), 1))]
-        scans += [(1, DENSER[1])] if many else []
-        for (count, denser), whole in itertools.product(scans, wholes):
+        counts = tuple(dict.fromkeys((len(arcs), 1)))
+        strides = (COARSE, 1) if many and task.hand.kind_O == MESH else (1,)
+        scans = [(count, DENSER[0] if many else 1, stride) for stride in strides for count in counts]
+        scans += [(1, DENSER[1], 1)] if many else []
+        for (count, denser, stride), whole in itertools.product(scans, wholes):
             ahead = [whole] if count == 1 else paths_of(task, arcs[:count], grasp)
-            stances = stances_for(task, (ahead or [whole])[0], rng, off, None, denser)
+            stances = stances_for(task, (ahead or [whole])[0], rng, off, None, denser, stride)
             if isinstance(stances, Failure):
                 failed = failed or stances
                 continue

@@ -54,12 +54,12 @@ class GraspSearch:
 
 def find_grasp(
     hand: Hand, path: Path, scan: Scan, terms: Terms, off: tuple[int, ...], names: tuple[str, ...],
-    settings: GraspSearch, rng: np.random.Generator, holding: Grasp | None = None,
+    settings: GraspSearch, rng: np.random.Generator, holding: Grasp | None = None, stride: int = 1,
 ) -> tuple[Stance, ...] | Failure:  # fmt: skip
     """Grasps on candidates of the scan, what each restart leads to, the one of the least cost first.
 
     All agents hold that are not off; where supports carry the object, as many as it costs least. holding: the grasp at hand,
-    in whose way nobody may stand; else those who are off are at rest.
+    in whose way nobody may stand; else those who are off are at rest. stride: as in `look_over`.
     """
     k, count, geoms = len(hand.tip_geom), len(scan.p_O), int(np.max(np.diff(hand.geom_start)))
     agents = np.array([i for i in range(k) if i not in off], np.int64)
@@ -68,7 +68,7 @@ def find_grasp(
     lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     ahead = nothing_ahead(len(agents), count, geoms)
     for a, i in enumerate(agents):
-        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms, a, ahead)
+        reached = look_over(hand, path, scan, R_WB, p_WB, i, terms, a, ahead, stride)
         if not reached and not carried:
             return Failure(
                 "reach", "start", names[i], "reaches no point of the object that is clear of everything",
