@@ -67,8 +67,8 @@ def measure(plan: Plan, world: World, motion: Motion) -> Contacts:
     k = len(world.agents)
     gap, p_O, n_O = (np.full((N, S, k, *shape), np.nan) for shape in ((), (3,), (3,)))
     contacts = Contacts(gap, p_O, n_O, np.zeros((N, S, k), dtype=bool), np.zeros((N, S, k)), np.zeros((N, S, k)))
-    if world.matter.skin is not None:
-        _on_skin(plan, world, motion, Surface(world.matter.skin), contacts)
+    if world.matter.skin is not None and world.object_grid is not None:
+        _on_skin(plan, world, motion, Surface(world.matter.skin, world.object_grid), contacts)
         return contacts
     round_edged = [part for part in world.matter.parts if part.kind == solids.KINDS.index("cylinder")]
     rims = {float(part.size[3]) for part in round_edged}

@@ -1,8 +1,9 @@
 """Contact of tips with an object that is a mesh, measured on its triangulated surface.
 
-Between its vertices the surface is that of curved triangles: cubic patches that meet the vertices' normals (Vlachos, Peters,
-Boyd & Mitchell 2001). A tip's signed distance is a closed form, and its least value on the surface is the gap: looked for
-first at the vertices, then ever finer on the patches about the best of them.
+It is the zero of a tricubic spline through signed distances. Triangles lie on it, and between their vertices it is, to some
+micrometres, that of cubic patches that meet the vertices' normals (Vlachos, Peters, Boyd & Mitchell 2001). A tip's signed
+distance is a closed form, and its least value on the patches is the gap: looked for first at the vertices, then ever finer on
+the patches about the best of them. The surface under a stated point, and its normal there, are the spline's.
 """
 
 from dataclasses import dataclass
@@ -13,23 +14,21 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from regrasp.scene import solids
-from regrasp.scene.grids import Skin
+from regrasp.scene.grids import Grid, Skin, Spline
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 VERTICES = 5  # whose patches are looked at
-ALL_ABOUT = 40  # … for the foot of a point: a large patch may have small ones about it that share none of its corners
 PATCHES = 4  # of them that are looked at more closely
 FINER, FINEST = 4.0, 4e-3  # how much smaller each round's part of a patch is, and the last one's
 WHOLE = np.array([(i, j) for i in range(6) for j in range(6 - i)]) / 5.0
 """Shares of a patch's corners 1 and 2, all over it."""
 AROUND = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) / 2.0
 """… and about one point."""
-BALL = solids.KINDS.index("sphere")
-DIFFERENCE = 1e-3  # in shares of a patch, for its tangents
-NEWTON = 3  # steps to a foot
-SLIVER, SPECK = 0.1, 1e-12  # sine of the angle between sides, and m², of patches that hardly have an area
+NEWTON = 4  # steps to a foot
+SURE = 1e-7  # m that a foot may be off the spline's zero
+SLOPE = 0.01  # of the distance, squared, at least: where it is less no way leads to the surface
 STEP = 1e-6  # m, for the gradient of a tip's distance
 
 
@@ -55,9 +54,14 @@ class Tip:
 
 @dataclass(frozen=True)
 class Surface:
-    """The patches of a skin."""
+    """The surface of a grid's spline: the patches of its skin, and the spline itself."""
 
     skin: Skin
+    grid: Grid
+
+    @cached_property
+    def _spline(self) -> Spline:
+        return Spline(self.grid)
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -77,39 +81,37 @@ class Surface:
 
     def nearest(self, tip: Tip) -> tuple[float, Array]:
         """The least signed distance of the surface from the tip, m, and the point (3,) of it, in O."""
-        distance, face, uv = self._nearest(tip, VERTICES)
+        distance, face, uv = self._nearest(tip)
         return distance, bezier(self._patches(face[None]), uv[None, None])[0, 0]
 
     def foot(self, point: Array) -> tuple[Array, Array]:
-        """The surface's point nearest to a point (3,) beside it, and its unit outward normal there, (3,) each, in O.
+        """The surface's point under a point (3,) beside it, and its unit outward normal there, (3,) each, in O.
 
-        From the nearest one of those looked at, by Gauss and Newton's steps on its patch. On a sliver, whose tangents are not
-        to be relied on, the normal is between those of its corners.
+        By Newton's method along the spline's gradient, which leads to the nearest point but for the square of the distance.
+        The patches do not do for the normal: it is off by up to 1° between vertices, 0.2 mm on a fingertip. No point (NaN)
+        where none is found, and none outside the grid.
         """
-        _, face, uv = self._nearest(Tip(BALL, np.zeros(4), np.eye(3), point), ALL_ABOUT)
-        control = self._patches(face[None])[0]
+        low = self.grid.origin
+        high = low + self.grid.spacing * (np.array(self.grid.values.shape) - 1)
+        foot = point
         for _ in range(NEWTON):
-            across, on = tangents(control, uv), bezier(control[None], uv[None, None])[0, 0]
-            uv = inside(uv + np.linalg.lstsq(across.T, point - on)[0])
-        x, y = tangents(control, uv)
-        normal = np.cross(x, y)
-        if float(np.linalg.norm(normal)) < max(SLIVER * float(np.linalg.norm(x) * np.linalg.norm(y)), SPECK):
-            normal = np.array([1.0 - uv.sum(), *uv]) @ self.skin.normals[face]
-        return bezier(control[None], uv[None, None])[0, 0], normal / np.linalg.norm(normal)
+            value, gradient = self._spline(np.clip(foot, low, high)[None])
+            foot = foot - value[0] / max(float(gradient[0] @ gradient[0]), SLOPE) * gradient[0]
+        value, gradient = self._spline(foot[None])
+        if not (np.all((low < foot) & (foot < high)) and abs(float(value[0])) < SURE):
+            return np.full(3, np.nan), np.full(3, np.nan)
+        return foot, gradient[0] / np.linalg.norm(gradient[0])
 
     def _patches(self, faces: Ints) -> Array:
         return patches(self.skin.vertices[faces], self.skin.normals[faces])
 
-    def _nearest(self, tip: Tip, count: int) -> tuple[float, Ints, Array]:
-        """The least distance, and where it is: the corners (3,) of the patch, and shares (2,) of the last two.
-
-        count: vertices whose patches are looked at.
-        """
+    def _nearest(self, tip: Tip) -> tuple[float, Ints, Array]:
+        """The least distance, and where it is: the corners (3,) of the patch, and shares (2,) of the last two."""
         reach = float(np.sum(tip.size[:3])) + self._longest
         near = np.array(self._tree.query_ball_point(tip.p_OT, reach), np.int64)
         if len(near) == 0:
             near = np.atleast_1d(self._tree.query(tip.p_OT)[1])
-        best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:count]]
+        best = near[np.argsort(tip.distance(self.skin.vertices[near]), kind="stable")[:VERTICES]]
         by_vertex, start = self._faces_at
         faces = self.skin.faces[np.unique(np.concatenate([by_vertex[start[v] : start[v + 1]] for v in best]))]
         control = self._patches(faces)
@@ -159,10 +161,3 @@ def bezier(control: Array, uv: Array) -> Array:
         6 * u * v * w,
     ]  # fmt: skip
     return np.einsum("kfn,fkx->fnx", np.array(weights), control)
-
-
-def tangents(control: Array, uv: Array) -> Array:
-    """Derivatives (2, 3) of a cubic patch's (10, 3) points by the shares uv (2,)."""
-    steps = DIFFERENCE * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    a, b, c, d = bezier(control[None], (uv + steps)[None])[0]
-    return np.stack([a - b, c - d]) / (2.0 * DIFFERENCE)
