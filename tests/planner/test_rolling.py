@@ -93,3 +93,24 @@ def test_a_contact_that_can_be_kept_is_kept_at_every_sample() -> None:
                 assert np.all(joints <= a.hand.chains.upper[mine] + 1e-9)
     assert count > 20
     assert fine >= 0.9 * count
+
+
+def test_steps_of_more_intervals_lead_where_steps_of_one_do() -> None:
+    """A first look at contacts may take them: they keep hardly any that single intervals lose, lose few that those keep, and
+    end near by."""
+    a = arc("allegro-ellipsoid")
+    apart, lost, gained = [], 0, 0
+    for i in range(len(a.task.names)):
+        for scan, c in stands(a, i):
+            ends, kept = [], []
+            for stride in (1, 3):
+                q, p, n_O = np.zeros((LOOKS + 1, 4)), np.zeros((LOOKS + 1, 3)), np.zeros((LOOKS + 1, 3))
+                kept.append(stay_on(a.hand, a.path, scan, a.terms.commands, 0, i, c, stride, q, p, n_O) == LOOKS)
+                ends.append(p[-1])
+            if all(kept):
+                apart.append(float(np.linalg.norm(ends[1] - ends[0])))
+            lost, gained = lost + (kept[0] and not kept[1]), gained + (kept[1] and not kept[0])
+    assert len(apart) > 100
+    assert np.median(apart) < 3e-4
+    assert lost < 0.2 * len(apart)
+    assert gained < 0.03 * len(apart)
