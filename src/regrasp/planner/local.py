@@ -136,7 +136,9 @@ def plan_arc(
 
             if run == waited[0]:
                 total = annealing.iterations
-                report(Progress(stage, state.iteration, total, state.energy, state.best_energy, motions=best))
+                with one:
+                    lowest = min(state.best_energy, least[0])
+                    report(Progress(stage, state.iteration, total, state.energy, lowest, motions=best))
             return done.is_set() or (hurried(state.iteration) and enough(state))
 
         def hurried(iteration: int) -> bool:
@@ -171,7 +173,7 @@ def plan_arc(
             failure,
         )
 
-    rngs, waited = rng.spawn(settings.attempts), [0]
+    rngs, waited, least = rng.spawn(settings.attempts), [0], [math.inf]
     results: list[ArcResult] = []
     with ThreadPoolExecutor(settings.threads or available()) as pool:
         try:
@@ -180,6 +182,10 @@ def plan_arc(
                 result = run.result()
                 if result is not None:
                     results.append(result)
+                    total, shown = settings.annealing.iterations, functools.partial(list[Motion], (result.motion,))
+                    with one:
+                        least[0] = min(least[0], float(result.energy.min()))
+                        report(Progress(stage, result.moves, total, float(result.energy[-1]), least[0], motions=shown))
                     if result.failure is None:
                         break
                 waited[0] += 1  # a run beside the one that counts has nothing to report
