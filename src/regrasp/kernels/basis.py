@@ -37,6 +37,8 @@ class Program(Record):
     x: Array  # (6+G,) values of the basic variables
     head: Indices  # (6+G,) the basic variables over the active rows
     rows: Indices  # (6+G,) the active rows
+    table: Array  # (6+G, 6+G) the basis as it is inverted
+    place: Indices  # (6+G,) the columns of the table, then their places in the basis
     w: Array  # (6+G,) pivot column
     d: Array  # (N,) reduced costs
     alpha: Array  # (N,) pivot row
@@ -64,6 +66,8 @@ def program(columns: int, groups: int) -> Program:
         x=np.zeros(rows),
         head=np.zeros(rows, np.int64),
         rows=np.zeros(rows, np.int64),
+        table=np.zeros((rows, rows)),
+        place=np.zeros(rows, np.int64),
         w=np.zeros(rows),
         d=np.zeros(columns),
         alpha=np.zeros(columns),
@@ -115,8 +119,8 @@ def column(A: Array, group: Indices, rows: Indices, inverse: Array, m: int, q: i
 
 
 @inlined
-def pivot(inverse: Array, w: Array, m: int, r: int) -> None:
-    """The variable with column w takes place r of the basis: product-form update of the inverse."""
+def pivot(inverse: Array, w: Array, m: int, width: int, r: int) -> None:
+    """The variable with column w (m,) takes place r of the basis: product-form update of the inverse (m, width)."""
     s = 1.0 / w[r]
     r0, r1, r2 = s * inverse[r, 0], s * inverse[r, 1], s * inverse[r, 2]
     r3, r4, r5 = s * inverse[r, 3], s * inverse[r, 4], s * inverse[r, 5]
@@ -130,7 +134,7 @@ def pivot(inverse: Array, w: Array, m: int, r: int) -> None:
         inverse[i, 5] -= u * r5
     inverse[r, 0], inverse[r, 1], inverse[r, 2] = r0, r1, r2
     inverse[r, 3], inverse[r, 4], inverse[r, 5] = r3, r4, r5
-    for k in range(6, m):
+    for k in range(6, width):
         t = s * inverse[r, k]
         for i in range(m):
             inverse[i, k] -= w[i] * t
@@ -165,36 +169,61 @@ def load(P: Program, n: int) -> int:
 
     Columns that depend on the others are left out, the logical variables of the uncovered rows stay in their place.
     """
-    A, group, rows, head, inverse, w, y = P.A, P.group, P.rows, P.head, P.inverse, P.w, P.y
+    A, group, rows, head, inverse, table, place, x, y, w = (
+        P.A, P.group, P.rows, P.head, P.inverse, P.table, P.place, P.x, P.y, P.w
+    )  # fmt: skip
     total = y.size
-    y[:] = 0.0
+    y[:] = 1.0
     for i in range(total):
         if P.basis[i] < 0:
-            y[-1 - P.basis[i]] = 1.0  # this row keeps its logical variable
+            y[-1 - P.basis[i]] = 0.0  # this row keeps its logical variable
     m = 0
     for row in range(total):
-        if row < 6 or (y[row] == 0.0 and P.cap[row - 6] < math.inf):
+        if row < 6 or (y[row] > 0.0 and P.cap[row - 6] < math.inf):
             rows[m] = row
             head[m] = -1 - row
+            x[m] = y[row]  # whether a column may take the place
             m += 1
-    for i in range(m):
-        for k in range(m):
-            inverse[i, k] = 0.0
-        inverse[i, i] = 1.0
     columns = 0
     for i in range(total):
         q = P.basis[i]
         if 0 <= q < n:
+            for k in range(6):
+                table[k, columns] = A[k, q]
+            for k in range(6, m):
+                table[k, columns] = 1.0 if rows[k] == 6 + group[q] else 0.0
+            place[columns] = q
             columns += 1
-            column(A, group, rows, inverse, m, q, w)
-            r = -1
-            largest = _SINGULAR
+    for c in range(columns, 6):
+        for k in range(m):
+            table[k, c] = 0.0
+    # Gauss-Jordan in place: where a column becomes a unit column, the inverse's column of its place is kept instead.
+    for c in range(columns):
+        r = -1
+        largest = _SINGULAR
+        for k in range(m):
+            size = x[k] * abs(table[k, c])
+            if size > largest:
+                r, largest = k, size
+        q = place[c]
+        place[c] = r
+        if r >= 0:
+            head[r] = q
+            x[r] = 0.0
             for k in range(m):
-                if head[k] < 0 and y[rows[k]] == 0.0 and abs(w[k]) > largest:
-                    r, largest = k, abs(w[k])
-            if r >= 0:
-                pivot(inverse, w, m, r)
-                head[r] = q
+                w[k] = table[k, c]
+                table[k, c] = 0.0
+            table[r, c] = 1.0
+            pivot(table, w, m, columns, r)
+    for i in range(m):
+        for k in range(m):
+            inverse[i, k] = 0.0
+        inverse[i, i] = 1.0
+    for c in range(columns):
+        r = place[c]
+        if r >= 0:
+            for i in range(m):
+                inverse[i, r] = table[i, c]
     y[:] = 0.0
     if columns == 0:
         for j in range(n):

@@ -12,15 +12,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.native import kernel
+from regrasp.kernels.native import inlined, kernel
 from regrasp.kernels.rotations import Array, Vector, cross, plus
 
 Indices = NDArray[np.int64]
 
 EDGES = 8
 _H = math.sqrt(0.5)
-_COS = (1.0, _H, 0.0, -_H, -1.0, -_H, 0.0, _H)
-_SIN = (0.0, _H, 1.0, _H, 0.0, -_H, -1.0, -_H)
+
+
+@inlined
+def _around(row: Array, first: int, a: float, x: float, y: float) -> None:
+    """row[first + e] = a + cos θ x + sin θ y, θ = 2π e / EDGES."""
+    d, f = _H * (x + y), _H * (y - x)
+    row[first], row[first + 1], row[first + 2], row[first + 3] = a + x, a + d, a + y, a + f
+    row[first + 4], row[first + 5], row[first + 6], row[first + 7] = a - x, a - d, a - y, a - f
 
 
 @kernel
@@ -32,18 +38,11 @@ def friction_edges(
     f = n_in + μ (cos θ x + sin θ y), θ = 2π e / EDGES; n_in is the unit normal into the object, x and y are unit
     tangents, p is the contact point from the centre of mass (m), all in W. The pyramid lies inside the cone.
     """
+    s = mu / length
     pn, px, py = cross(p, n_in), cross(p, x), cross(p, y)
-    s = 1.0 / length
-    for e in range(EDGES):
-        u = mu * _COS[e]
-        v = mu * _SIN[e]
-        j = first + e
-        A[0, j] = n_in[0] + u * x[0] + v * y[0]
-        A[1, j] = n_in[1] + u * x[1] + v * y[1]
-        A[2, j] = n_in[2] + u * x[2] + v * y[2]
-        A[3, j] = s * (pn[0] + u * px[0] + v * py[0])
-        A[4, j] = s * (pn[1] + u * px[1] + v * py[1])
-        A[5, j] = s * (pn[2] + u * px[2] + v * py[2])
+    for r in range(3):
+        _around(A[r], first, n_in[r], mu * x[r], mu * y[r])
+        _around(A[3 + r], first, pn[r] / length, s * px[r], s * py[r])
 
 
 @kernel

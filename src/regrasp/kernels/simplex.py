@@ -229,7 +229,7 @@ def solve(P: Program, n: int, warm: bool) -> tuple[int, float, int]:
                     for i in range(m):
                         x[i] -= move * w[i]
                     x[r] = move
-                    pivot(inverse, w, m, r)
+                    pivot(inverse, w, m, m, r)
                     head[r] = q
                     pivots += 1
                     continue

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from regrasp.kernels.basis import Program
 from regrasp.kernels.forces import EDGES, friction_edges, ray
 from regrasp.kernels.native import kernel
-from regrasp.kernels.rotations import minus, rotate, triple
+from regrasp.kernels.rotations import cross, minus, rotate, triple
 from regrasp.kernels.simplex import OPTIMAL, solve
 from regrasp.kernels.surfaces import frame
 from regrasp.planner.hand import Hand
@@ -21,9 +21,20 @@ Ints = NDArray[np.int64]
 
 @kernel
 def contact_columns(
-    hand: Hand, i: int, code: int, p_OC: Array, n: Array, t: Array, margins: Margins, lp: Program, first: int
+    hand: Hand,
+    i: int,
+    code: int,
+    p_OC: Array,
+    n: Array,
+    t: Array,
+    margins: Margins,
+    least: float,
+    lp: Program,
+    first: int,
 ) -> int:
     """Write agent i's contact into the LP, in O about the centre of mass; returns the number of columns written.
+
+    What the contact bears at least, a normal force of `least`, is taken off the load.
 
     n is the object's outward normal; t the slip direction of a sliding contact, whose force lies on the boundary ray of
     the true cone. Rolling and resting contacts leave a part of μ unused, so that plans keep off the edge of their cones.
@@ -33,9 +44,15 @@ def contact_columns(
     if is_sliding(code):
         ray(p, n_in, triple(t), hand.mu[i], hand.radius, lp.A, first)
         count = 1
+        for row in range(6):
+            lp.b[row] -= least * lp.A[row, first]
     else:
         x, y = frame(triple(n))
         friction_edges(p, n_in, x, y, (1.0 - margins.friction) * hand.mu[i], hand.radius, lp.A, first)
+        turn, s = cross(p, n_in), least / hand.radius
+        for a in range(3):
+            lp.b[a] -= least * n_in[a]
+            lp.b[3 + a] -= s * turn[a]
     for c in range(first, first + count):
         lp.cost[c] = 1.0
         lp.group[c] = i
@@ -130,11 +147,8 @@ def balance(
         cap = min(hand.cap[i], margins.slide) if is_sliding(whole(codes[i])) else hand.cap[i]
         lp.cap[i] = cap - least[i]
         if bears[i]:
-            count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margins, lp, columns)
+            count = contact_columns(hand, i, whole(codes[i]), p_OC[i], n[i], t[i], margins, least[i], lp, columns)
             least[i] /= count
-            for c in range(columns, columns + count):
-                for row in range(6):
-                    lp.b[row] -= least[i] * lp.A[row, c]
             columns += count
     columns += support_columns(hand, path, j, s, margins, lp, columns)
     status, value, pivots = solve(lp, columns, warm)
