@@ -12,7 +12,7 @@ from benchmarks.jobs import problem_of, start_of
 from regrasp.bench.searches import JOBS, PAPER_SCENE, Job
 from regrasp.errors import RegraspError
 from regrasp.planner.arcs import straight
-from regrasp.planner.configurations import Configurations, Grasp
+from regrasp.planner.configurations import UNKNOWN, Configurations, Grasp
 from regrasp.planner.method import opening
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path, nominal_path
@@ -119,8 +119,8 @@ def among(count: int) -> Job:
 
 
 def bodies_met(found: Configurations) -> Array:
-    """(N, 3): middles of the agents' bodies in all configurations."""
-    return found.p_WG[1 : found.used[0]].reshape(-1, 3)
+    """(N, 3): middles of the agents' bodies in all configurations of which they were looked at."""
+    return found.p_WG[: found.used[0]][found.own[: found.used[0]] != UNKNOWN].reshape(-1, 3)
 
 
 AXES: dict[str, tuple[Callable[[int], Job], tuple[int, ...]]] = {

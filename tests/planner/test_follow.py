@@ -136,20 +136,19 @@ def test_with_six_joints_the_contact_path_is_the_same_on_any_path_of_the_object(
 
 
 def test_what_turns_little_is_told_from_the_inverse() -> None:
-    """The largest entry of J⁻¹, with the object's radius for lengths, against AGILE; a singular J turns without limit."""
+    """The largest entry of J⁻¹ against AGILE; a singular J turns without limit."""
     rng = np.random.default_rng(0)
     seen = [0, 0]
     for _ in range(400):
-        radius = 10.0 ** rng.uniform(-2, 0)
         J = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-1, 1)
-        largest = np.abs(np.linalg.inv(J) @ np.diag([radius] * 3 + [1.0] * 3)).max()
+        largest = np.abs(np.linalg.inv(J)).max()
         for size in (1.0 - 1e-9, 1.0 + 1e-9, rng.uniform(0.2, 5.0)):
-            little = turns_little(J * largest / AGILE * size, radius)
+            little = turns_little(J * largest / AGILE * size)
             assert little == (size > 1.0)
             seen[little] += 1
         row = rng.integers(6)
         J[row] = J[row - 1] if rng.random() < 0.5 else 0.0
-        assert not turns_little(J, radius)
+        assert not turns_little(J)
     assert min(seen) > 100
 
 

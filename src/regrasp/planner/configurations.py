@@ -40,6 +40,7 @@ class Configurations(Record):
     orientation; n_O (N, 3): the object's outward normal there; t_O (N, 2, 3): slip direction at start and end of the interval
     that led here, if it slid; R_WG, p_WG (N, g_max, …): poses of the agent's geoms. lost (N,): the workspace condition broke on
     the way here; own (N,): blocks of the agent's bodies that collide with each other, with static bodies, with the object.
+    Most configurations are looked at for lost ones and forces only: where own is UNKNOWN, the geoms may not be posed yet.
 
     after (N, MOTION_COUNT): where the contact motions lead, 0 unknown. standing (rows of the scan,): on that candidate;
     stood (1,): the last of these rows that is known; resting (k, n + 1): at rest. R_WB, p_WB (n + 1, B, …): static bodies, then
@@ -136,7 +137,10 @@ def new_configurations(hand: Hand, path: Path, scan: Scan, start: Grasp) -> Conf
         found.q[1 + i, : last - first] = start.q[first:last]
         found.holds[1 + i] = start.holds[i]
         found.p_OC[1 + i], found.p_TC[1 + i], found.R_OT[1 + i] = start.p_OC[i], start.p_TC[i], start.R_OT[i]
+        found.own[1 + i] = UNKNOWN
         pose_bodies(hand, path, found, 0, i, 1 + i)
+        if start.holds[i]:
+            normal_at(hand, found.p_OC[1 + i], found.n_O[1 + i])
     return found
 
 
@@ -197,17 +201,8 @@ def add(found: Configurations) -> int:
 
 @kernel
 def pose_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
-    """Agent i's bodies, and the object's normal at its contact, from the joints and the contact of its configuration c at j."""
+    """Agent i's bodies from the joints of its configuration c at j."""
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    put_bodies(hand, path, found, j, i, c)
-    found.own[c] = UNKNOWN
-    if found.holds[c]:
-        normal_at(hand, found.p_OC[c], found.n_O[c])
-
-
-@kernel
-def put_bodies(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int) -> None:
-    """Agent i's bodies in its configuration c at j, from the frames of its links in `found`."""
     R_WP, p_WP = base_at(path, hand.base[i], j)
     place_agent(hand, i, R_WP, p_WP, found.R_WL, found.p_WL, found.R_WG[c], found.p_WG[c])
 
@@ -228,7 +223,6 @@ def standing(
     R_WO, _ = pose_at(path, hand.base[i], j)
     found.q[c] = scan.q[row]
     forward(hand.chains, i, found.q[c], found.R_WL, found.p_WL)
-    put_bodies(hand, path, found, j, i, c)
     found.p_OC[c], found.n_O[c] = scan.p[row], scan.n[row]
     multiply_back(R_WO, found.R_WL[n_a], found.R_OT[c])
     under(hand, i, found.R_OT[c], found.n_O[c], found.p_TC[c])
@@ -247,7 +241,6 @@ def resting(hand: Hand, path: Path, found: Configurations, j: int, i: int) -> in
         first, last = hand.chains.start[i], hand.chains.start[i + 1]
         found.q[c, : last - first] = hand.home[first:last]
         found.holds[c] = 0
-        pose_bodies(hand, path, found, j, i, c)
         found.resting[i, j] = c
     return c
 
@@ -283,7 +276,6 @@ def follow_contact(
         found.R_WL[: n_a + 1], found.p_WL[: n_a + 1],
     )  # fmt: skip
     found.lost[there] = 0 if fine else 1
-    put_bodies(hand, path, found, j + 1, i, there)
     normal_at(hand, found.p_OC[there], n_end)
     if slides:
         slide_direction(code, x, cross(n_end, x), found.t_O[there, 1])
@@ -291,15 +283,11 @@ def follow_contact(
 
 
 @kernel
-def keep_still(hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int) -> int:
-    """Agent i, off the object, keeps its posture through interval j, and is taken along by its base."""
+def keep_still(found: Configurations, here: int) -> int:
+    """An agent off the object keeps its posture through an interval, and is taken along by its base."""
     there = add(found)
     found.q[there] = found.q[here]
     found.holds[there] = 0
-    if hand.base[i] > 0:
-        pose_bodies(hand, path, found, j + 1, i, there)
-    else:
-        found.R_WG[there], found.p_WG[there] = found.R_WG[here], found.p_WG[here]
     return there
 
 
@@ -328,15 +316,16 @@ def onward(
         if found.holds[here]:
             there = follow_contact(hand, path, commands[code], found, j, i, here, code)
         else:
-            there = keep_still(hand, path, found, j, i, here)
+            there = keep_still(found, here)
         found.after[here, code] = there
     return there, behind
 
 
 @kernel
-def own_hits(hand: Hand, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
+def own_hits(hand: Hand, path: Path, found: Configurations, j: int, i: int, c: int, clearance: float) -> int:
     """How many blocks of agent i's own bodies collide in its configuration c at the end of interval j − 1."""
     if found.own[c] == UNKNOWN:
+        pose_bodies(hand, path, found, j, i, c)
         k, last = len(hand.tip_geom), object_row(hand)
         R_G, p_G, R_B, p_B = found.R_WG[c], found.p_WG[c], found.R_WB[j], found.p_WB[j]
         count = 0

@@ -146,7 +146,7 @@ def evaluate(
     for j in range(first, last):
         for a in range(k):
             if i < 0 or a == i:
-                least += terms.collision * own_hits(hand, found, j + 1, a, new.at[j + 1, a], terms.clearance)
+                least += terms.collision * own_hits(hand, path, found, j + 1, a, new.at[j + 1, a], terms.clearance)
                 if least > limit:
                     return np.inf, first, last
     for j in range(first, last):

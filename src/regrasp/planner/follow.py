@@ -76,7 +76,10 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
     if n_a == 6:
         J6 = stack((6, 6))
         jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J6)
-        return turns_little(J6, hand.radius)
+        for a in range(3):
+            for b in range(6):
+                J6[a, b] /= hand.radius
+        return turns_little(J6)
     J, qd = stack((6, n_a)), stack(n_a)
     jacobian(hand.chains, i, R_WL, p_WL, p_WL[n_a], J)
     v, w, got, still = stack(3), stack(3), stack(3), stack(n_a)
@@ -97,12 +100,8 @@ def is_agile(hand: Hand, i: int, R_WL: Array, p_WL: Array) -> bool:
 
 
 @kernel
-def turns_little(J: Array, radius: float) -> bool:
-    """Whether no entry of J⁻¹ (6, 6), its first three columns times the radius, is larger than AGILE; J is destroyed."""
-    X = stack((6, 6))
-    X[:] = 0.0
-    for a in range(6):
-        X[a, a] = radius if a < 3 else 1.0
+def turns_little(J: Array) -> bool:
+    """Whether no entry of J⁻¹ (6, 6) is larger than AGILE; J is inverted in place, but for the order of its columns."""
     for a in range(6):
         row = a
         for b in range(a + 1, 6):
@@ -112,20 +111,19 @@ def turns_little(J: Array, radius: float) -> bool:
             return False
         for c in range(6):
             J[a, c], J[row, c] = J[row, c], J[a, c]
-            X[a, c], X[row, c] = X[row, c], X[a, c]
         s = 1.0 / J[a, a]
+        J[a, a] = 1.0
         for c in range(6):
             J[a, c] *= s
-            X[a, c] *= s
         for b in range(6):
             if b != a:
                 t = J[b, a]
+                J[b, a] = 0.0
                 for c in range(6):
                     J[b, c] -= t * J[a, c]
-                    X[b, c] -= t * X[a, c]
     for a in range(6):
         for c in range(6):
-            if abs(X[a, c]) > AGILE:
+            if abs(J[a, c]) > AGILE:
                 return False
     return True
 
@@ -135,12 +133,10 @@ def reach_pose(hand: Hand, i: int, R_WT: Array, p_WT: Array, q: Array, R_WL: Arr
     """Joint angles q (in: seed, near which they stay) of a six-joint agent whose tip is at X_WT; returns what is left of it.
 
     In closed form where the arm has one; q is as it was where that has no solution within the limits, and inf is returned.
-    Link frames are those of q, whether the pose is reached or not.
+    R_WL, p_WL, of one chain: scratch.
     """
     if hand.wrists.kind[i] != NONE:
-        reached = solve_near(hand.chains, hand.wrists, i, R_WT, p_WT, q)
-        forward(hand.chains, i, q, R_WL, p_WL)
-        return 0.0 if reached else np.inf
+        return 0.0 if solve_near(hand.chains, hand.wrists, i, R_WT, p_WT, q) else np.inf
     residual, _ = inverse(hand.chains, i, R_WT, p_WT, q, R_WL, p_WL)
     return residual
 
@@ -150,7 +146,7 @@ def reach_tip(
     hand: Hand, path: Path, j: int, s: int, i: int, before: Array,
     p_OC: Array, p_TC: Array, R_OT: Array, q: Array, R_WL: Array, p_WL: Array,
 ) -> bool:  # fmt: skip
-    """Joint angles q (in: seed) of a six-joint agent that hold the contact at sample s of interval j; link frames too.
+    """Joint angles q (in: seed) of a six-joint agent that hold the contact at sample s of interval j.
 
     Returns whether they are reached without a jump from the joints `before`.
     """

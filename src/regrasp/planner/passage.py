@@ -12,6 +12,7 @@ from regrasp.planner.collision import hits, moving_row, object_row, place_agent,
 from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import REACHED, is_full, reach_pose, tip_target
 from regrasp.planner.hand import Hand
+from regrasp.planner.memory import Memory, remember, slot_of
 from regrasp.planner.motions import whole
 from regrasp.planner.path import Path
 from regrasp.planner.scan import tool_direction, touch_down
@@ -202,14 +203,15 @@ def leaps(hand: Hand, path: Path, j: int, i: int, q: Array, R_WL: Array, p_WL: A
 
 
 @kernel
-def way_clear(
+def obstacle(
     hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
-    q: Array,
-) -> bool:  # fmt: skip
-    """Whether agent i with joints q (m + 1, n_a) in interval j is clear of all others as they move from `at` to `to`.
+    ask: Array, q: Array,
+) -> int:  # fmt: skip
+    """What agent i with joints q (m + 1, n_a) meets in interval j as all move from `at` to `to`: an agent's number, or −1.
 
-    Looked at at every sample and half-way between samples, where the joints go far more often. A way on which a body leaps
-    is none: between samples nobody would know where it goes.
+    Its own number stands for itself and all that is not an agent. ask (k,): 1 for what is looked for. Looked for at every
+    sample and half-way between samples, where the joints go far more often. A way on which a body leaps meets something
+    unknown: between samples nobody would see it.
     """
     m, k, n_a = path.R_WO.shape[1] - 1, len(hand.tip_geom), q.shape[1]
     rise = m // 4
@@ -228,8 +230,8 @@ def way_clear(
     for s in range(m):
         for a in range(n_a):
             widest = max(widest, abs(q[s + 1, a] - q[s, a]))
-    if widest > WIDE and leaps(hand, path, j, i, q, R_WL, p_WL, R_G, p_G):
-        return False
+    if ask[i] and widest > WIDE and leaps(hand, path, j, i, q, R_WL, p_WL, R_G, p_G):
+        return i
     looks = max(2, whole(np.ceil(widest / NEAR)))
     half = looks * m // 2
     for turn in range(1, looks * m):
@@ -245,14 +247,15 @@ def way_clear(
                 path.p_WP[base, j, s + 1 : s + 2], part, R_P, p_P, 1,
             )  # fmt: skip
         place_agent(hand, i, R_P[0], p_P[0], R_WL, p_WL, R_G, p_G)
-        blend(R_A, p_A, R_Z, p_Z, u, R_B[moving:], p_B[moving:], len(R_A))
-        if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
-            return False
-        rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
-        if not rising and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], 0.25 * high):
-            return False
+        if ask[i]:
+            blend(R_A, p_A, R_Z, p_Z, u, R_B[moving:], p_B[moving:], len(R_A))
+            if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
+                return i
+            rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
+            if not rising and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], 0.25 * high):
+                return i
         for b in range(k):
-            if b == i:
+            if b == i or not ask[b]:
                 continue
             blend(
                 found.R_WG[at[b]], found.p_WG[at[b]], found.R_WG[to[b]], found.p_WG[to[b]], u, R_C, p_C,
@@ -261,36 +264,102 @@ def way_clear(
             if (b > i and hits(hand, i, b, R_G, p_G, R_C, p_C, clearance)) or (
                 b < i and hits(hand, b, i, R_C, p_C, R_G, p_G, clearance)
             ):
-                return False
-    return True
+                return b
+    return -1
+
+
+@kernel
+def lift(
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, there: int, high: float, q: Array
+) -> bool:
+    """The ends of agent i's way q (m + 1, n_a) from configuration `here` to `there`, off the object and down on it."""
+    m = path.R_WO.shape[1] - 1
+    for a in range(q.shape[1]):
+        q[0, a], q[m, a] = found.q[here, a], found.q[there, a]
+    if found.holds[here] and not raise_tip(hand, path, found, j, i, here, whole(0), whole(1), high, q):
+        return False
+    return not found.holds[there] or raise_tip(hand, path, found, j, i, there, m, whole(-1), high, q)
+
+
+@kernel
+def ways_through(hand: Hand, path: Path, j: int, i: int) -> int:
+    """How many ways a free motion of agent i in interval j may take: more where the object stands still in the agent's base."""
+    m, base = path.R_WO.shape[1] - 1, hand.base[i]
+    for a in range(3):
+        if path.p_PO[base, j, 0, a] != path.p_PO[base, j, m, a]:
+            return WAYS
+        for b in range(3):
+            if path.R_PO[base, j, 0, a, b] != path.R_PO[base, j, m, a, b]:
+                return WAYS
+    return WAYS + ROUND
+
+
+@kernel
+def name(key: Ints, j: int, i: int, way: int, b: int, at: Ints, to: Ints) -> None:
+    """key (3,): a way of agent i through interval j, and what could be in it: the motion of agent b, or if b = i all else."""
+    key[0] = ((j * len(at) + i) * len(at) + b) * (WAYS + ROUND) + way
+    key[1] = at[i] << 32 | to[i]
+    key[2] = at[b] << 32 | to[b]
 
 
 @kernel
 def free_motion(
-    hand: Hand, path: Path, found: Configurations, j: int, i: int, at: Ints, to: Ints, high: float, clearance: float,
-    q: Array,
-) -> int:  # fmt: skip
-    """Agent i's whole way through interval j off the object, q (m + 1, n_a) out: the first way that is clear, or −1.
+    hand: Hand, path: Path, found: Configurations, ways: Memory, key: Ints, remembers: bool, j: int, i: int,
+    at: Ints, to: Ints, high: float, clearance: float, q: Array,
+) -> tuple[int, bool]:  # fmt: skip
+    """(the first way of agent i through interval j off the object that is clear, or −1; whether it was known).
 
     at, to (k,): all agents' configurations at its two ends. The tip lifts off along the normal from its contact (or starts at
     rest), travels in joint space, by a way point if way > 0, and touches down on its new contact (or comes to rest).
+    A way does not depend on the other agents: what it meets is remembered of each of them apart. q (m + 1, n_a), key (3,):
+    scratch.
     """
-    m, n_a = path.R_WO.shape[1] - 1, q.shape[1]
-    here, there, base = at[i], to[i], hand.base[i]
-    for a in range(n_a):
-        q[0, a], q[m, a] = found.q[here, a], found.q[there, a]
-    if found.holds[here] and not raise_tip(hand, path, found, j, i, here, whole(0), whole(1), high, q):
-        return -1
-    if found.holds[there] and not raise_tip(hand, path, found, j, i, there, m, whole(-1), high, q):
-        return -1
-    still = True
-    for a in range(3):
-        still = still and path.p_PO[base, j, 0, a] == path.p_PO[base, j, m, a]
-        for b in range(3):
-            still = still and path.R_PO[base, j, 0, a, b] == path.R_PO[base, j, m, a, b]
-    for way in range(WAYS + ROUND if still else WAYS):
-        if travel(hand, path, found, j, i, here, there, whole(way), high, q) and way_clear(
-            hand, path, found, j, i, at, to, high, clearance, q
-        ):
-            return way
-    return -1
+    k, raised, known = len(at), whole(-1), True
+    ask = stack(k)
+    for way in range(ways_through(hand, path, j, i)):
+        met, asked = False, False
+        for b in range(k):
+            ask[b] = 1.0
+            if remembers:
+                name(key, j, i, way, b, at, to)
+                slot = slot_of(ways, key)
+                if ways.taken[slot]:
+                    ask[b] = 0.0
+                    met = met or ways.values[slot] > 0.0
+            asked = asked or ask[b] > 0.0
+        if met:
+            continue
+        if not asked:
+            return way, known
+        known = False
+        if raised < 0:
+            raised = 1 if lift(hand, path, found, j, i, at[i], to[i], high, q) else 0
+        hit = whole(i)
+        if raised and travel(hand, path, found, j, i, at[i], to[i], whole(way), high, q):
+            hit = obstacle(hand, path, found, j, i, at, to, high, clearance, ask, q)
+        for b in range(k):
+            if remembers and (b == hit or (hit < 0 and ask[b])):
+                name(key, j, i, way, b, at, to)
+                remember(ways, slot_of(ways, key), key, 1.0 if b == hit else 0.0)
+        if hit < 0:
+            return way, known
+    return -1, known
+
+
+@kernel
+def along(
+    hand: Hand,
+    path: Path,
+    found: Configurations,
+    j: int,
+    i: int,
+    here: int,
+    there: int,
+    way: int,
+    high: float,
+    q: Array,
+) -> bool:
+    """Agent i's joints q (m + 1, n_a) through interval j on a way of `free_motion`; whether it goes there."""
+    return lift(hand, path, found, j, i, here, there, high, q) and travel(
+        hand, path, found, j, i, here, there, way, high, q
+    )

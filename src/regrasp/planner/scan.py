@@ -16,7 +16,7 @@ from regrasp.kernels.rotations import dot, exp, multiply, multiply_back, norm, r
 from regrasp.kernels.sampling import sample
 from regrasp.kernels.stack import stack
 from regrasp.kernels.surfaces import SPHERE, project
-from regrasp.kernels.wrist import NONE, solve_all
+from regrasp.kernels.wrist import NONE, solve_all, solve_near
 from regrasp.planner.collision import place_agent, stands_clear
 from regrasp.planner.follow import JUMP, REACHED, is_agile, is_full, leap, reach_pose, tip_target
 from regrasp.planner.hand import Hand
@@ -133,6 +133,10 @@ def aim(
         exp(w, E)
         multiply(E, R, R_WT)
         over(hand, i, R_WO, p_WO, p_O, n_O, height, R_WT, p)
+        # The nearest of all, where it is within the limits, needs not be looked for among all.
+        if solve_near(hand.chains, hand.wrists, i, R_WT, p, q):
+            forward(hand.chains, i, q, R_WL, p_WL)
+            return True
         best, least = -1, np.inf
         for s in range(solve_all(hand.chains, hand.wrists, i, R_WT, p, Q)):
             far = 0.0

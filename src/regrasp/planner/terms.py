@@ -155,8 +155,8 @@ def new_work(hand: Hand, path: Path, shortcuts: Shortcuts) -> Work:
     counts = Counts(*(np.zeros(1, np.int64) for _ in range(4)))
     return Work(
         shortcuts, counts, lp, joined, np.full(BASES, -1), np.zeros((BASES, len(lp.basis)), np.int64), floor_of(hand, path),
-        new_memory(12, 1), new_memory(12, 1 + k), new_memory(10, 2 + 2 * k), np.zeros(1, np.int64), np.zeros(1 + k, np.int64),
-        np.zeros(2 + 2 * k, np.int64), np.zeros(k, np.uint8), np.zeros(k, np.int16), np.zeros(k, np.int64),
+        new_memory(12, 1), new_memory(12, 1 + k), new_memory(12, 3), np.zeros(1, np.int64), np.zeros(1 + k, np.int64),
+        np.zeros(3, np.int64), np.zeros(k, np.uint8), np.zeros(k, np.int16), np.zeros(k, np.int64),
         np.zeros(k, np.int64), *rows,
     )  # fmt: skip
 
@@ -287,23 +287,12 @@ def force_terms(hand: Hand, path: Path, terms: Terms, found: Configurations, wor
 @kernel
 def way_of(hand: Hand, path: Path, terms: Terms, found: Configurations, work: Work, new: State, j: int, i: int) -> int:
     """The way of agent i's free motion through interval j, −1 for none."""
-    k = new.V.shape[1]
-    key, slot = work.key_way, 0
-    if work.shortcuts.memory:
-        key[0], key[1] = j, i
-        for a in range(k):
-            key[2 + a], key[2 + k + a] = new.at[j, a], new.at[j + 1, a]
-        slot = slot_of(work.ways, key)
-        if work.ways.taken[slot]:
-            return whole(work.ways.values[slot])
-    work.counts.ways[0] += 1
     n_a = hand.chains.start[i + 1] - hand.chains.start[i]
-    way = free_motion(
-        hand, path, found, j, i, new.at[j], new.at[j + 1], terms.high, terms.clearance,
-        stack((path.R_WO.shape[1], n_a)),
+    way, known = free_motion(
+        hand, path, found, work.ways, work.key_way, work.shortcuts.memory == 1, j, i, new.at[j], new.at[j + 1],
+        terms.high, terms.clearance, stack((path.R_WO.shape[1], n_a)),
     )  # fmt: skip
-    if work.shortcuts.memory:
-        remember(work.ways, slot, key, way)
+    work.counts.ways[0] += not known
     return way
 
 

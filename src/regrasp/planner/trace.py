@@ -13,7 +13,7 @@ from regrasp.planner.configurations import Configurations
 from regrasp.planner.follow import is_full, reach_tip, roll, short_step
 from regrasp.planner.hand import Hand
 from regrasp.planner.motions import RELOCATE, is_sliding, slide_direction, whole
-from regrasp.planner.passage import free_motion
+from regrasp.planner.passage import along
 from regrasp.planner.path import Path
 from regrasp.planner.state import State
 from regrasp.planner.terms import Terms, Work, moves_freely
@@ -164,7 +164,7 @@ def trace(
                 for s in range(m + 1):
                     p_OC[j, s, i], n_O[j, s, i], x_O[j, s, i], R_OT[j, s, i] = p[s], normal[s], x[s], R[s]
             elif moves_freely(code, holds) and not state.behind[j, i] and state.way[j, i] >= 0:
-                free_motion(hand, path, found, j, i, state.at[j], state.at[j + 1], terms.high, terms.clearance, q)
+                along(hand, path, found, j, i, here, there, whole(state.way[j, i]), terms.high, q)
                 ends[j, i] = holds + 2 * found.holds[there]
             else:
                 for s in range(m):
