@@ -13,10 +13,12 @@ from regrasp.kernels.chains import forward
 from regrasp.kernels.forces import EDGES as EIGHT
 from regrasp.planner.ahead import OUT, look_over, nothing_ahead
 from regrasp.planner.arcs import straight
+from regrasp.planner.chain import ContactMotions
 from regrasp.planner.choices import drawn, grasp_cost
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
-from regrasp.planner.grasp import given_grasp
+from regrasp.planner.grasp import continued, given_grasp, unchanged
+from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.pieces import first_piece
 from regrasp.planner.stances import find_grasp
@@ -288,3 +290,22 @@ def test_more_restarts_find_no_worse_grasp(name: str) -> None:
             assert each[1:] == sorted(each[1:])  # before them the cheapest that lasts
             costs.append(min(each))
         assert np.all(np.diff(costs) <= 1e-9)
+
+
+def test_a_V_that_goes_on_begins_with_what_was_looked_at_ahead_and_then_stays() -> None:
+    """Agents that are off stay off: the contacts are those of `unchanged` where nothing was looked at."""
+    onward = np.array([[OFF, 3], [ONTO + 5, 2]], np.int16)
+    for n in (1, 2, 5):
+        V = continued(onward, n)
+        assert V.shape == (n, 2)
+        np.testing.assert_array_equal(V[:2], onward[:n])
+        assert np.all(V[2:] == STAY)
+    a = arc("fig4-relocation")
+    n, k = len(a.path.R_WO), len(a.task.names)
+    some = dataclasses.replace(a.grasp, holds=np.array([1, 1, 0, 1], np.uint8))
+    now, goes_on = (
+        ContactMotions(a.hand, a.path, a.scan(), a.terms, some, V)
+        for V in (unchanged(some, n), continued(np.empty((0, k), np.int16), n))
+    )
+    assert goes_on.energy() == pytest.approx(now.energy(), rel=1e-12)
+    np.testing.assert_array_equal(goes_on.grasp(n).holds, some.holds)

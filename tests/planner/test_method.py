@@ -201,6 +201,8 @@ def test_what_lies_ahead_of_a_piece_is_searched_but_does_not_count(ahead: int) -
         start_clock(0.0), 1, ahead=ahead,
     )  # fmt: skip
     assert len(result.V) == len(result.motion.joints) == n
+    whole = ContactMotions(a.hand, a.path, a.scan(), a.terms, a.grasp, np.concatenate([result.V, result.onward]))
+    assert whole.energy() == pytest.approx(result.energy.min(), rel=1e-9)
     part = head(a.path, n)
     scan, terms = new_scan(a.hand, part, QUICK.local.relocation), terms_of(a.hand, QUICK.local)
     alone = ContactMotions(a.hand, part, scan, terms, a.grasp, result.V)

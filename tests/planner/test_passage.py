@@ -5,11 +5,12 @@ import pytest
 from arcs import NAMES, Arc, Oracle, arc, between, height
 
 from regrasp.planner.chain import ContactMotions
-from regrasp.planner.motions import ONTO, STAY
-from regrasp.planner.passage import LEAP, ROUND, WAYS, leaps
+from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY
+from regrasp.planner.passage import LEAP, ROUND, WAYS, free_motion, leaps
 from regrasp.planner.pieces import rest_at
 from regrasp.planner.relocation import choose
 from regrasp.planner.scan import new_scan
+from regrasp.planner.terms import moves_freely
 
 
 def relocating(a: Arc, i: int, j: int) -> ContactMotions:
@@ -94,3 +95,33 @@ def test_only_round_an_object_that_stands_still_are_further_ways_tried() -> None
                 ways |= set(problem.current.way[1].tolist())
     assert max(moving) < WAYS
     assert WAYS <= max(still) < WAYS + ROUND
+
+
+@pytest.mark.parametrize("name", ["fig4-relocation", "puma4-obstacles", "book-shelf"])
+def test_what_is_remembered_of_a_way_is_what_is_found_anew(name: str) -> None:
+    """Agents move one after the other, so that of most ways a part is known: what they meet is the same from nothing."""
+    a = arc(name)
+    rng = np.random.default_rng(3)
+    problem = a.problem(np.full((len(a.path.R_WO), len(a.task.names)), STAY, np.int16))
+    hand, path, scan, terms, found, work = problem.model
+    n, k = problem.current.V.shape
+    q = np.empty((path.R_WO.shape[1], int(np.diff(hand.chains.start)[0])))
+    met: set[int] = set()
+    for _ in range(60):
+        V = problem.snapshot()
+        j, i, code = int(rng.integers(n)), int(rng.integers(k)), int(rng.integers(MOTION_COUNT))
+        V[j, i] = ONTO + rng.integers(len(scan.p_O)) if code >= RELOCATE else code
+        problem.reset(V)
+        now = problem.current
+        for at, agent in np.ndindex(n, k):
+            holds = int(found.holds[now.at[at, agent]])
+            if not moves_freely(int(V[at, agent]), holds) or now.behind[at, agent]:
+                continue
+            move = at, agent, now.at[at], now.at[at + 1], terms.high, terms.clearance, q
+            anew, _ = free_motion(hand, path, found, work.ways, work.key_way, False, *move)
+            again, known = free_motion(hand, path, found, work.ways, work.key_way, True, *move)
+            assert known
+            assert anew == again == now.way[at, agent]
+            met.add(anew)
+    assert -1 in met
+    assert len(met) > 1

@@ -34,7 +34,7 @@ def indispensable(
         if bears[a]:
             count += 1
             left[a] = 0
-            held, _, _ = balance(hand, path, start, start, left, codes, p, n, t, margins, False, lp)
+            held, _, _ = balance(hand, path, start, start, left, codes, p, n, t, margins, True, lp)
             left[a] = 1
             if not held:
                 lost += 1
@@ -74,12 +74,12 @@ def grasp_cost(
             stick += 1
     cost += terms.stability * max(0, hand.needed - stick)
     contacts_at(which, choice, ahead, whole(0), p, normal)
-    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, False, lp)
+    held, value, _ = balance(hand, path, start, start, bears, codes, p, normal, t, margins, True, lp)
     if not held or cost + value >= bound:
         return np.inf
     cost += value
     contacts_at(which, choice, ahead, whole(LOOKS), p, normal)
-    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, False, lp)
+    held, value, _ = balance(hand, path, n - 1, m, bears, codes, p, normal, t, margins, True, lp)
     cost += value if held else 2.0 * terms.outlook
     if looks:
         for look in range(1, LOOKS):
@@ -87,7 +87,7 @@ def grasp_cost(
                 return np.inf
             j = look_ahead(n, start, look)
             contacts_at(which, choice, ahead, whole(look), p, normal)
-            held, value, _ = balance(hand, path, min(j, n - 1), start, bears, codes, p, normal, t, margins, False, lp)
+            held, value, _ = balance(hand, path, min(j, n - 1), start, bears, codes, p, normal, t, margins, True, lp)
             if not held:
                 cost += 2.0 * terms.outlook / LOOKS
     if cost >= bound:

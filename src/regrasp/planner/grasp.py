@@ -24,6 +24,14 @@ def unchanged(grasp: Grasp, n: int) -> NDArray[np.int16]:
     return np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (n, 1))
 
 
+def continued(onward: NDArray[np.int16], n: int) -> NDArray[np.int16]:
+    """V (n, k) that begins with the rows `onward` (…, k), after which all agents keep what they do.
+
+    Off the object to stay means to stay off; unlike `OFF` it leaves an agent that a search puts onto the object there.
+    """
+    return np.concatenate([onward, np.full((n, onward.shape[1]), STAY, np.int16)])[:n]
+
+
 def contact_from(hand: Hand, i: int, R_PO: Array, q: Array, p_O: Array, n_O: Array) -> tuple[Array, Array, Array]:
     """(p_OC, p_TC, R_OT) of a tip that touches the object, turned by R_PO in its base, at p_O with joints q."""
     count = len(q)

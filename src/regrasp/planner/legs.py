@@ -20,7 +20,7 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.follow import wanders
-from regrasp.planner.grasp import unchanged
+from regrasp.planner.grasp import continued, unchanged
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import ArcResult, failure_of, plan_arc, terms_of
 from regrasp.planner.motion import detail
@@ -320,19 +320,20 @@ def annealed(
     # Where the object rests all may take hold anew.
     after = [] if len(arcs) == 1 or task.router.rests(arcs[1].start) else pieces_of(task, arcs[1])[:1]
     report = told(report, planned)
+    onward = unchanged(grasp, 0)
     for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
         result: ArcResult | None = None
         longer, ahead = with_ahead(task, piece, pieces[at + 1 :] or after)
         for path in ways_along(task, *longer, grasp):
-            V, local = unchanged(grasp, len(path.R_WO)), task.settings.local
+            V, local = continued(onward, len(path.R_WO)), task.settings.local
             result = plan_arc(task.hand, path, grasp, task.names, local, rng, report, stage, clock, parts, V, ahead)
             if result.failure is None or clock.up():
                 break
         if result is None:
             return Planned(planned, grasp, ANNEALED, blocked(stage))
         planned.append(Segment(result.motion, result.energy))
-        grasp = result.grasp
+        grasp, onward = result.grasp, result.onward
         if result.failure:
             return Planned(planned, grasp, ANNEALED, result.failure)
     return Planned(planned, grasp, ANNEALED, None)

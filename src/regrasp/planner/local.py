@@ -70,11 +70,13 @@ def random_motions(n: int, k: int, candidates: int, rng: np.random.Generator) ->
 class ArcResult:
     """The best motion found on an arc, its V with the candidates of its relocations, the grasp at its end, the history of E(V).
 
-    moves: made in all annealing runs. failure: which constraint the motion breaks, where, for whom; None where it breaks none.
+    onward: V of the intervals ahead. moves: made in all annealing runs. failure: which constraint the motion breaks, where,
+    for whom; None where it breaks none.
     """
 
     motion: Motion
     V: Codes
+    onward: Codes
     grasp: Grasp
     energy: NDArray[np.float64]
     moves: int
@@ -167,6 +169,7 @@ def plan_arc(
         return ArcResult(
             motion,
             result.best[:n],
+            result.best[n:],
             grasp,
             np.asarray(result.energies),
             len(result.energies) - 1,
