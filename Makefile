@@ -18,7 +18,7 @@ help:
 	@echo "make browser installs a browser for the tests that need one, where that is easy (apt-get, as root)"
 	@echo "make check   format, lint, types, import rules"
 	@echo "make bench   the paper's own job, timed, and the local minima of its energy"
-	@echo "make benchmarks  what planning costs, as ratios to a plain reference: $(OUT)/benchmarks.md and .png (10 minutes)"
+	@echo "make benchmarks  what planning costs, as ratios to a plain reference: $(OUT)/benchmarks.md and .png (15 minutes)"
 	@echo "make trust   slow evidence: the slow tests, and every built-in scene with 10 seeds, planned and checked"
 	@echo "make docs    the site of the documentation: $(OUT)/site/index.html"
 	@echo "make gallery every built-in scene planned, checked, drawn and filmed, for the documentation (10 to 20 minutes)"

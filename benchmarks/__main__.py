@@ -37,7 +37,7 @@ def parts(quick: bool) -> dict[str, Callable[[], list[Row]]]:
         "moves": lambda: jobs.moves_apart(paper_job(), some),
         **scalings,
         "threads": lambda: threads.rows(paper_job(), iterations, some),
-        "plans": lambda: plans.rows(1 if quick else 5, plans.LIMITS[3:4] if quick else plans.LIMITS),
+        "plans": lambda: plans.rows(1 if quick else 3, plans.LIMITS[3:4] if quick else plans.LIMITS),
         "tempering": lambda: tempering.rows(
             {name: made() for name, made in tried.items()}, few if quick else 8, iterations
         ),
@@ -81,7 +81,7 @@ def main(
     Args:
         output: Where the run is saved; the table and the picture go beside it, as .md and .png.
         only: Parts to run: kernels, paper, scenes, moves, intervals, agents, candidates, obstacles, threads, plans, tempering.
-        quick: A minute instead of ten, with little to be learnt from the figures.
+        quick: A minute instead of fifteen, with little to be learnt from the figures.
         compare: Two saved runs, A and B: every row of both, marked where B differs by more than noise. Measures nothing.
     """
     if compare is None:
