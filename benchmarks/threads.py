@@ -1,4 +1,7 @@
-"""What a second thread gives: two chains side by side, against the same two one after the other."""
+"""What a second thread gives: two chains side by side, against the same two one after the other.
+
+Both make the same moves from the same V: neither is done before the other.
+"""
 
 import math
 from collections.abc import Callable
@@ -11,19 +14,32 @@ from numba import njit
 from benchmarks.jobs import problem_of, start_of
 from benchmarks.measure import Row, compared, seconds_of
 from regrasp.bench.searches import Job
+from regrasp.planner.chain import ContactMotions
 from regrasp.planner.terms import Shortcuts
 from regrasp.search.annealing import Settings as Annealing
 
-SINES = 5_000_000
+SINES, SUMS = 5_000_000, 50_000_000
 
 
 @njit(nogil=True)
 def sines(count: int) -> float:
-    """Arithmetic alone, without memory: how many processors there are to be had."""
+    """Arithmetic alone, each step waiting for the one before: how many processors there are to be had."""
     x = 0.0
     for i in range(count):
         x += math.sin(x + i)
     return x
+
+
+@njit(nogil=True)
+def sums(count: int) -> float:
+    """Four sums that don't wait for each other: how much of a processor's units there is to be had.
+
+    Two virtual processors may be one core's two threads, or share a core with somebody else's.
+    """
+    a, b, c, d = 1.0, 1.1, 1.2, 1.3
+    for _ in range(count):
+        a, b, c, d = a * 0.999 + 0.1, b * 0.998 + 0.2, c * 0.997 + 0.3, d * 0.996 + 0.4
+    return a + b + c + d
 
 
 def both(pool: ThreadPoolExecutor, work: Callable[[int], None]) -> None:
@@ -32,24 +48,30 @@ def both(pool: ThreadPoolExecutor, work: Callable[[int], None]) -> None:
 
 
 def rows(work: Job, moves: int, repeats: int) -> list[Row]:
-    """Moves per second, and sines, which share nothing, measured in turn with them."""
+    """Moves per second, and sines and sums, which share nothing, measured in turn with them."""
     even = Annealing(iterations=moves, final=1.0)
-    V = [start_of(work, seed) for seed in range(2)]
-    problems = [problem_of(work, each, Shortcuts()) for each in V]
+    V = start_of(work, 0)
+    problems: list[ContactMotions] = []
 
     def chain(c: int) -> None:
-        problems[c].reset(V[c])
-        problems[c].moves(even, 0.5, 0, moves, 0.0, V[c].copy(), problems[c].energy(), np.random.default_rng(0))
+        problems[c].reset(V)
+        problems[c].moves(even, 0.5, 0, moves, 0.0, V.copy(), problems[c].energy(), np.random.default_rng(0))
 
-    def spin(_: int) -> None:
+    def waiting(_: int) -> None:
         sines(SINES)
+
+    def busy(_: int) -> None:
+        sums(SUMS)
 
     kinds: dict[str, tuple[Callable[[int], None], int, str]] = {
         "moves, two threads": (chain, moves, ""),
-        "sines, which share nothing, two threads": (spin, SINES, "what the machine gives at the time"),
+        "sines, which share nothing, two threads": (waiting, SINES, "what the machine gives at the time"),
+        "sums, which share nothing, two threads": (busy, SUMS, "of its units, too"),
     }
     rates: dict[str, list[tuple[float, float]]] = {name: [] for name in kinds}
     with ThreadPoolExecutor(2) as pool:
+        # Each makes its own, as in planning: small arrays of one thread come from the same lines of memory.
+        problems += pool.map(lambda _: problem_of(work, V, Shortcuts()), range(2))
         for repeat in range(repeats + 1):
             for name, (each, count, _) in kinds.items():
                 two = seconds_of(partial(both, pool, each))
