@@ -196,7 +196,7 @@ def told(answer: Answer) -> str:
 
 def main() -> None:
     """Both runs, in words."""
-    plan = planned("fig4-relocation", 2)
+    plan = planned("fig4-relocation", 4)
     push = upwards(plan)
     for words, replanner in (("the plan alone", None), ("planned again", Replanner(plan))):
         found = run(plan, push, replanner)
