@@ -129,7 +129,7 @@ def scene_row(name: str, seeds: int) -> dict[str, Any]:
                 lost += 1
                 continue
             done += 1
-            steps += [answer for answer in answers if answer.iterations]
+            steps += [answer for answer in answers if answer.spent.search > 0.0]
             if answers[-1].new:
                 calls.append(len(answers))
             else:
