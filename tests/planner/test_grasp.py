@@ -8,16 +8,14 @@ import pytest
 from arcs import SMALL, Arc, Oracle, arc, changed, height, made
 from scipy.optimize import linprog
 
-from regrasp.kernels.basis import program
 from regrasp.kernels.chains import forward
-from regrasp.kernels.forces import EDGES as EIGHT
 from regrasp.planner.ahead import OUT, look_over, nothing_ahead
 from regrasp.planner.arcs import straight
 from regrasp.planner.chain import ContactMotions
-from regrasp.planner.choices import drawn, grasp_cost
+from regrasp.planner.choices import drawn, grasp_cost, improve, new_weighing
 from regrasp.planner.collision import place_agent
 from regrasp.planner.configurations import bodies_along
-from regrasp.planner.grasp import continued, given_grasp, unchanged
+from regrasp.planner.grasp import continued, given_grasp, nothing
 from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.pieces import first_piece
@@ -204,22 +202,21 @@ def drawing(a: Arc):
     counts, table = np.array([len(row) for row in legal]), np.full((k, max(map(len, legal))), OUT)
     for row, free in zip(table, legal, strict=True):
         row[: len(free)] = free
-    fixed = (hand, path, scan, terms, np.arange(k), rest_R, rest_p)
-    lp = program(EIGHT * (k + path.support_mode.shape[1]), k)
-    return fixed, (terms.margins, ahead), lp, (table, counts), legal
+    fixed = (hand, path, terms, np.arange(k), rest_R, rest_p)
+    return fixed, (terms.margins, ahead), new_weighing(hand, path), (table, counts), legal
 
 
 @pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar", "heavy-push"])
 def test_random_choices_are_drawn_until_one_holds(name: str) -> None:
     """Row by row of the numbers: those passed over hold nothing, the one returned costs what it says; all choices legal."""
-    fixed, seen, lp, (table, counts), legal = drawing(arc(name))
+    fixed, seen, w, (table, counts), legal = drawing(arc(name))
     k = len(counts)
     u, choice, at, found = np.random.default_rng(0).random((400, k)), np.zeros(k, np.int64), 0, 0
     while True:
         before = at
-        at, cost = drawn(*fixed, choice, *seen, lp, table, counts, u, at)
+        at, cost = drawn(*fixed, choice, *seen, w, table, counts, u, at)
         rows = [[legal[a][int(u[row, a] * counts[a])] for a in range(k)] for row in range(before, at)]
-        costs = [grasp_cost(*fixed, np.array(row), *seen, np.inf, lp) for row in rows]
+        costs = [grasp_cost(*fixed, np.array(row), *seen, np.inf, w) for row in rows]
         if cost == np.inf:
             assert at == len(u)
             assert np.all(np.isinf(costs))
@@ -229,19 +226,38 @@ def test_random_choices_are_drawn_until_one_holds(name: str) -> None:
         np.testing.assert_array_equal(choice, rows[-1])
         found += 1
     assert found > 1
-    assert drawn(*fixed, choice, *seen, lp, table, counts, u, len(u)) == (len(u), np.inf)
+    assert drawn(*fixed, choice, *seen, w, table, counts, u, len(u)) == (len(u), np.inf)
+
+
+@pytest.mark.parametrize("name", ["fig3-puma3", "fig2-planar", "heavy-push"])
+def test_an_improved_choice_costs_least_among_all_that_differ_in_one_agent(name: str) -> None:
+    """Looked at again one by one, with force programs that begin from nothing."""
+    fixed, seen, w, (table, counts), legal = drawing(arc(name))
+    k, at = len(counts), 0
+    u, choice = np.random.default_rng(1).random((400, k)), np.zeros(k, np.int64)
+    for _ in range(2):
+        at, before = drawn(*fixed, choice, *seen, w, table, counts, u, at)
+        cost = improve(*fixed, choice, *seen, before, w)
+        assert cost <= before
+        assert grasp_cost(*fixed, choice, *seen, np.inf, new_weighing(*fixed[:2])) == pytest.approx(cost, rel=1e-9)
+        for a, c in [(a, c) for a, row in enumerate(legal) for c in row]:
+            other = choice.copy()
+            other[a] = c
+            fresh = new_weighing(*fixed[:2])
+            assert grasp_cost(*fixed, other, *seen, np.inf, fresh) >= cost - 1e-8
+            assert grasp_cost(*fixed, other, *seen, cost - 1e-6, fresh) == np.inf
 
 
 def test_nobody_has_to_touch_what_a_table_holds_but_somebody_does() -> None:
     """All agents off is no grasp; one alone may be. In the air nobody may be left out."""
-    fixed, seen, lp, _, legal = drawing(light())
+    fixed, seen, w, _, legal = drawing(light())
     none = np.full(len(legal), OUT)
-    assert grasp_cost(*fixed, none, *seen, np.inf, lp) == np.inf
+    assert grasp_cost(*fixed, none, *seen, np.inf, w) == np.inf
     alone = []
     for i, c in [(i, c) for i, row in enumerate(legal) for c in row if c != OUT]:
         choice = none.copy()
         choice[i] = c
-        alone.append(grasp_cost(*fixed, choice, *seen, np.inf, lp))
+        alone.append(grasp_cost(*fixed, choice, *seen, np.inf, w))
     assert min(alone) < np.inf
     assert all(OUT in row for row in legal)
     assert not any(OUT in row for row in drawing(arc("fig3-puma3"))[-1])
@@ -275,7 +291,7 @@ def test_a_stance_says_on_which_candidates_its_agents_stand(name: str, off: tupl
 def test_more_restarts_find_no_worse_grasp(name: str) -> None:
     """With the same random numbers, of which the first are the same."""
     a = arc(name)
-    fixed, (margins, *seen), lp, _, _ = drawing(a)
+    fixed, (margins, *seen), w, _, _ = drawing(a)
     use = 1.0 - a.task.settings.grasp.friction_use
     margins = dataclasses.replace(margins, friction=max(margins.friction, use))
     for seed in range(3):
@@ -286,14 +302,14 @@ def test_more_restarts_find_no_worse_grasp(name: str) -> None:
                 a.hand, a.path, a.scan(), a.terms, (), a.task.names, settings, np.random.default_rng(seed)
             )
             assert not isinstance(found, Failure)
-            each = [grasp_cost(*fixed, stance.candidates, margins, *seen, np.inf, lp) for stance in found]
+            each = [grasp_cost(*fixed, stance.candidates, margins, *seen, np.inf, w) for stance in found]
             assert each[1:] == sorted(each[1:])  # before them the cheapest that lasts
             costs.append(min(each))
         assert np.all(np.diff(costs) <= 1e-9)
 
 
 def test_a_V_that_goes_on_begins_with_what_was_looked_at_ahead_and_then_stays() -> None:
-    """Agents that are off stay off: the contacts are those of `unchanged` where nothing was looked at."""
+    """Agents that are off stay off, as those do that are told to."""
     onward = np.array([[OFF, 3], [ONTO + 5, 2]], np.int16)
     for n in (1, 2, 5):
         V = continued(onward, n)
@@ -301,11 +317,11 @@ def test_a_V_that_goes_on_begins_with_what_was_looked_at_ahead_and_then_stays() 
         np.testing.assert_array_equal(V[:2], onward[:n])
         assert np.all(V[2:] == STAY)
     a = arc("fig4-relocation")
-    n, k = len(a.path.R_WO), len(a.task.names)
+    n = len(a.path.R_WO)
     some = dataclasses.replace(a.grasp, holds=np.array([1, 1, 0, 1], np.uint8))
     now, goes_on = (
         ContactMotions(a.hand, a.path, a.scan(), a.terms, some, V)
-        for V in (unchanged(some, n), continued(np.empty((0, k), np.int16), n))
+        for V in (np.tile(np.where(some.holds == 1, STAY, OFF).astype(np.int16), (n, 1)), continued(nothing(some), n))
     )
     assert goes_on.energy() == pytest.approx(now.energy(), rel=1e-12)
     np.testing.assert_array_equal(goes_on.grasp(n).holds, some.holds)

@@ -186,8 +186,8 @@ def grid_bends(grids: Grids, m: int, p: Vector, d: Vector, e: Vector) -> tuple[T
             s_z, s_yz, s_zz = s_z + b[q] * slope, s_yz + db[q] * slope, s_zz + b[q] * curve
         xx, xy, xz = xx + dda[r] * s, xy + da[r] * s_y, xz + da[r] * s_z
         yy, yz, zz = yy + a[r] * s_yy, yz + a[r] * s_yz, zz + a[r] * s_zz
-    h2 = 1.0 / (grids.spacing[m] * grids.spacing[m])
-    xx, xy, xz, yy, yz, zz = h2 * xx, h2 * xy, h2 * xz, h2 * yy, h2 * yz, h2 * zz
+    per_m2 = 1.0 / (grids.spacing[m] * grids.spacing[m])
+    xx, xy, xz, yy, yz, zz = per_m2 * xx, per_m2 * xy, per_m2 * xz, per_m2 * yy, per_m2 * yz, per_m2 * zz
     return (
         (xx * d[0] + xy * d[1] + xz * d[2], xy * d[0] + yy * d[1] + yz * d[2], xz * d[0] + yz * d[1] + zz * d[2]),
         (xx * e[0] + xy * e[1] + xz * e[2], xy * e[0] + yy * e[1] + yz * e[2], xz * e[0] + yz * e[1] + zz * e[2]),

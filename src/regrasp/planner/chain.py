@@ -167,6 +167,11 @@ class ContactMotions:
         """E of the current V."""
         return self._energy
 
+    def unbroken(self) -> int:
+        """How many intervals come before the first at whose ends the current V breaks a constraint."""
+        broken = (self.current.c > 0.0) | (self.current.e > 0.0)
+        return int(np.argmax(broken)) if np.any(broken) else len(broken)
+
     def breaks_nothing(self) -> bool:
         """Whether the current V breaks no constraint at the ends of its intervals, and its contacts determine the pose."""
         now = self.current

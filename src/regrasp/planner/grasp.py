@@ -7,7 +7,7 @@ from regrasp.kernels.chains import couple, forward
 from regrasp.kernels.surfaces import project
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand
-from regrasp.planner.motions import OFF, STAY
+from regrasp.planner.motions import STAY
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
 from regrasp.planner.scan import lower, touch_down
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 NEAR = 0.03  # m from the object, to which joints given for a grasp bring a tip at least
 
 
-def unchanged(grasp: Grasp, n: int) -> NDArray[np.int16]:
-    """V (n, k) with which all agents keep what they do: those that hold stay, the others are off."""
-    return np.tile(np.where(grasp.holds == 1, STAY, OFF).astype(np.int16), (n, 1))
+def nothing(grasp: Grasp) -> NDArray[np.int16]:
+    """V (0, k): no interval planned yet."""
+    return np.empty((0, len(grasp.holds)), np.int16)
 
 
 def continued(onward: NDArray[np.int16], n: int) -> NDArray[np.int16]:

@@ -20,13 +20,13 @@ from regrasp.planner.chain import ContactMotions
 from regrasp.planner.clock import Clock
 from regrasp.planner.configurations import Grasp
 from regrasp.planner.follow import wanders
-from regrasp.planner.grasp import continued, unchanged
+from regrasp.planner.grasp import continued, nothing
 from regrasp.planner.hand import Hand
 from regrasp.planner.local import ArcResult, failure_of, plan_arc, terms_of
-from regrasp.planner.motion import detail
+from regrasp.planner.motion import Motion, detail
 from regrasp.planner.motions import OFF, ONTO, STAY
 from regrasp.planner.outcome import Failure, Progress, Report
-from regrasp.planner.path import Path, Pose
+from regrasp.planner.path import Path, Pose, head
 from regrasp.planner.pieces import paths_of, pieces_of, rest_at, ways_along, with_ahead
 from regrasp.planner.rolling import roll_within
 from regrasp.planner.scan import new_scan
@@ -82,7 +82,14 @@ def moved(task: Task, path: Path, grasp: Grasp, V: Codes, stage: str) -> tuple[S
     local = task.settings.local
     terms, scan = terms_of(task.hand, local), new_scan(task.hand, path, local.relocation)
     problem = ContactMotions(task.hand, path, scan, terms, grasp, V)
-    motion = detail(task.hand, path, terms, problem.found, problem.current, problem.work, task.names)
+
+    def motion_of(part: Path) -> Motion:
+        return detail(task.hand, part, terms, problem.found, problem.current, problem.work, task.names)
+
+    # Where a V fails at the end of an interval, what comes after it is not looked at at every sample.
+    motion = motion_of(head(path, min(problem.unbroken() + 1, len(V))))
+    if not motion.violations and len(motion.V) < len(V):
+        motion = motion_of(path)
     if motion.violations:
         return failure_of(motion, stage, len(V))
     return Segment(motion, np.array([problem.energy()])), problem.grasp(len(V))
@@ -105,7 +112,7 @@ def roll(hand: Hand, path: Path, commands: Array, grasp: Grasp, V: Codes) -> Non
 
 def stay(task: Task, path: Path, grasp: Grasp, stage: str) -> tuple[Segment, Grasp] | Failure:
     """All agents keep what they do: those that hold their contacts, rolling or not, the others off."""
-    still = unchanged(grasp, len(path.R_WO))
+    still = continued(nothing(grasp), len(path.R_WO))
     V = still.copy()
     roll(task.hand, path, terms_of(task.hand, task.settings.local).commands, grasp, V)
     made = moved(task, path, grasp, V, stage)
@@ -320,7 +327,7 @@ def annealed(
     # Where the object rests all may take hold anew.
     after = [] if len(arcs) == 1 or task.router.rests(arcs[1].start) else pieces_of(task, arcs[1])[:1]
     report = told(report, planned)
-    onward = unchanged(grasp, 0)
+    onward = nothing(grasp)
     for at, piece in enumerate(pieces):
         stage, parts = f"segment {first + len(planned) + 1}", len(pieces) - at + len(arcs) - 1
         result: ArcResult | None = None

@@ -210,12 +210,12 @@ REMEDIES = {
 
 
 def failure_of(motion: Motion, stage: str, n: int) -> Failure:
-    """The first violation of the best motion found, in words."""
+    """The first violation of a motion, in words."""
     first = motion.violations[0]
     return Failure(
         first.constraint,
         f"{stage}, interval {first.interval + 1} of {n}",
         first.who or "object",
-        f"{first.detail} ({len(motion.violations)} violations in the best motion found)",
+        f"{first.detail} ({len(motion.violations)} violations found)",
         REMEDIES[first.constraint],
     )

@@ -58,8 +58,8 @@ class Motion:
 def detail(
     hand: Hand, path: Path, terms: Terms, found: Configurations, state: State, work: Work, names: tuple[str, ...]
 ) -> Motion:  # fmt: skip
-    """The Motion of a V, whose interval ends stand in the state as `evaluate` left them."""
-    V = state.V
+    """The Motion of a V along a path, or the head of one; its interval ends stand in the state as `evaluate` left them."""
+    V = state.V[: len(path.R_WO)]
     n, k = V.shape
     m = path.R_WO.shape[1] - 1
     joints = np.zeros((n, m + 1, len(hand.home)))

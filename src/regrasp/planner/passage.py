@@ -74,17 +74,9 @@ def hover(
 
 @kernel
 def raise_tip(
-    hand: Hand,
-    path: Path,
-    found: Configurations,
-    j: int,
-    i: int,
-    here: int,
-    first: int,
-    step: int,
-    high: float,
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, first: int, step: int, high: float,
     q: Array,
-) -> bool:
+) -> bool:  # fmt: skip
     """The quarter of the way next to a contact: rows first + step, first + 2 step, … of q (m + 1, n_a), from row `first`.
 
     here: the configuration in contact. The tip rises along the normal (step 1), or comes down on it (step −1, from the end).
@@ -109,17 +101,9 @@ def raise_tip(
 
 @kernel
 def travel(
-    hand: Hand,
-    path: Path,
-    found: Configurations,
-    j: int,
-    i: int,
-    here: int,
-    there: int,
-    way: int,
-    high: float,
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, there: int, way: int, high: float,
     q: Array,
-) -> bool:
+) -> bool:  # fmt: skip
     """Rows m // 4 … m − m // 4 of q (m + 1, n_a): in joint space from the one lift to the other, by the way point.
 
     Returns whether there is a way point and all stay within the joint limits.
@@ -348,17 +332,9 @@ def free_motion(
 
 @kernel
 def along(
-    hand: Hand,
-    path: Path,
-    found: Configurations,
-    j: int,
-    i: int,
-    here: int,
-    there: int,
-    way: int,
-    high: float,
+    hand: Hand, path: Path, found: Configurations, j: int, i: int, here: int, there: int, way: int, high: float,
     q: Array,
-) -> bool:
+) -> bool:  # fmt: skip
     """Agent i's joints q (m + 1, n_a) through interval j on a way of `free_motion`; whether it goes there."""
     return lift(hand, path, found, j, i, here, there, high, q) and travel(
         hand, path, found, j, i, here, there, way, high, q

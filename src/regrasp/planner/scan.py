@@ -134,18 +134,19 @@ def aim(
         multiply(E, R, R_WT)
         over(hand, i, R_WO, p_WO, p_O, n_O, height, R_WT, p)
         # The nearest of all, where it is within the limits, needs not be looked for among all.
-        if solve_near(hand.chains, hand.wrists, i, R_WT, p, q):
-            forward(hand.chains, i, q, R_WL, p_WL)
-            return True
-        best, least = -1, np.inf
-        for s in range(solve_all(hand.chains, hand.wrists, i, R_WT, p, Q)):
-            far = 0.0
-            for x in range(6):
-                far = max(far, abs(Q[s, x] - q[x]))
-            if far < least:
-                best, least = s, far
-        if best >= 0:
-            q[:] = Q[best]
+        found = solve_near(hand.chains, hand.wrists, i, R_WT, p, q)
+        if not found:
+            best, least = -1, np.inf
+            for s in range(solve_all(hand.chains, hand.wrists, i, R_WT, p, Q)):
+                far = 0.0
+                for x in range(6):
+                    far = max(far, abs(Q[s, x] - q[x]))
+                if far < least:
+                    best, least = s, far
+            if best >= 0:
+                found = True
+                q[:] = Q[best]
+        if found:
             forward(hand.chains, i, q, R_WL, p_WL)
             return True
     return False

@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from regrasp.kernels.basis import Program, program
 from regrasp.kernels.chains import forward
-from regrasp.kernels.forces import EDGES
 from regrasp.planner.ahead import OUT, Ahead, longest, look_over, nothing_ahead
 from regrasp.planner.chain import ContactMotions
-from regrasp.planner.choices import Choice, Fixed, choices
+from regrasp.planner.choices import Choice, Fixed, Weighing, choices, new_weighing
 from regrasp.planner.collision import hits, object_row, place_agent, tip_hits
 from regrasp.planner.configurations import Grasp, bodies_along
 from regrasp.planner.follow import wanders
-from regrasp.planner.grasp import build_grasp, unchanged
+from regrasp.planner.grasp import build_grasp, continued, nothing
 from regrasp.planner.hand import Hand
 from regrasp.planner.outcome import Failure
 from regrasp.planner.path import Path
@@ -65,7 +63,6 @@ def find_grasp(
     agents = np.array([i for i in range(k) if i not in off], np.int64)
     carried = path.support_mode.shape[1] > 0
     R_WB, p_WB = bodies_along(hand, path)
-    lp = program(EDGES * (k + path.support_mode.shape[1]), k)
     ahead = nothing_ahead(len(agents), count, geoms)
     for a, i in enumerate(agents):
         reached = look_over(hand, path, scan, R_WB, p_WB, i, terms, a, ahead, stride)
@@ -101,14 +98,14 @@ def find_grasp(
     wandering = any(wanders(hand, i) for i in agents)
     most = max(terms.margins.friction, 1.0 - settings.friction_use)
     margins = Margins(most, terms.margins.grip, terms.margins.disturbance, terms.margins.slide)
-    fixed = (hand, path, scan, terms, agents, rest_R, rest_p)
+    fixed, w = (hand, path, terms, agents, rest_R, rest_p), new_weighing(hand, path)
     u = rng.random((settings.tries, len(agents)))
     drawn_from = [longest(row, free) if wandering else free for row, free in zip(ahead.kept, legal, strict=True)]
     restarts = settings.restarts * (MORE if wandering else 1)
-    found = choices(fixed, margins, ahead, lp, drawn_from, u, restarts)
+    found = choices(fixed, margins, ahead, w, drawn_from, u, restarts)
     best = sorted(found, key=lambda each: found[each])
     if not (wandering or carried):
-        safe = lasting_choice(fixed, margins, ahead, lp, legal, u, best)
+        safe = lasting_choice(fixed, scan, margins, ahead, w, legal, u, best)
         best = best if safe is None else [safe, *(choice for choice in best if choice != safe)]
     if not best:
         return Failure(
@@ -120,9 +117,10 @@ def find_grasp(
 
 def lasting_choice(
     fixed: Fixed,
+    scan: Scan,
     margins: Margins,
     ahead: Ahead,
-    lp: Program,
+    w: Weighing,
     legal: list[NDArray[np.int64]],
     u: Array,
     known: list[Choice],
@@ -132,7 +130,7 @@ def lasting_choice(
     Every look ahead finds them lasting; which of them are not, between the looks, is seen by following the choice's contacts,
     and is written to ahead.kept.
     """
-    hand, path, scan, terms, agents, _, _ = fixed
+    hand, path, terms, agents, _, _ = fixed
 
     def lasts(choice: Choice) -> bool:
         lost, held = followed(hand, path, scan, terms, stance_of(hand, path, scan, agents, choice, ahead.kept).grasp)
@@ -146,7 +144,7 @@ def lasting_choice(
     for row in range(ROUNDS):
         sure = replace(ahead, kept=np.where(ahead.kept >= 1.0, 1.0, -1.0))
         among = [free[kept[free] >= 0.0] for kept, free in zip(sure.kept, legal, strict=True)]
-        found = choices(fixed, margins, sure, lp, among, u[row::ROUNDS], 1) if all(map(len, among)) else {}
+        found = choices(fixed, margins, sure, w, among, u[row::ROUNDS], 1) if all(map(len, among)) else {}
         if not found:
             return None
         for choice in found:
@@ -162,7 +160,7 @@ def followed(hand: Hand, path: Path, scan: Scan, terms: Terms, grasp: Grasp) -> 
     which the looks of a scan pass over many.
     """
     n = len(path.R_WO)
-    problem = ContactMotions(hand, path, scan, terms, grasp, unchanged(grasp, n))
+    problem = ContactMotions(hand, path, scan, terms, grasp, continued(nothing(grasp), n))
     found, now = problem.found, problem.current
     failed = (found.lost[now.at[1:]] != 0) | (found.own[now.at[1:]] != 0)
     lost = {int(i): float(np.argmax(failed[:, i])) / n for i in np.flatnonzero(failed.any(axis=0) & (grasp.holds == 1))}

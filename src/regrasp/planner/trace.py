@@ -128,13 +128,13 @@ def trace(
     joints: Array, p_OC: Array, n_O: Array, x_O: Array, R_OT: Array, bears: Flags, ends: Flags, broken: Flags,
     touched: Flags, held: Flags,
 ) -> None:  # fmt: skip
-    """Every sample of every interval of a V, whose interval ends stand in the state as `evaluate` left them.
+    """Every sample of the path's intervals under a V, whose interval ends stand in the state as `evaluate` left them.
 
     Written: joints (n, m + 1, nq); p_OC, n_O, x_O (n, m + 1, k, 3), R_OT (n, m + 1, k, 3, 3) where bears (n, k); ends (n, k):
     as in `sample_hits`; broken (n, k): LOST in contact, or NO_WAY to or from one; touched (n, k, k + 2): blocks that collide;
     held (n,): the object is, at every sample.
     """
-    n, k = state.V.shape
+    n, k = len(path.R_WO), state.V.shape[1]
     m = path.R_WO.shape[1] - 1
     for j in range(n):
         for i in range(k):
