@@ -28,7 +28,7 @@ WITHIN = 5e-7
 """Weights by which a force may pass its cone and limits, for round-off of the program; half of what `check` allows."""
 BALANCED = 1e-8
 """Wrench residual, in weights, above which forces do not hold the object."""
-SINGULAR = 1e-7
+SINGULAR = 1e-6
 """Singular value of the grasp map, relative to the largest, below which a direction can't be corrected."""
 
 
@@ -64,8 +64,13 @@ def between(contacts: Contacts, nodes: Nodes, at_nodes: Array, margin: float) ->
         f[j] = np.where(ray[j, :, :, None], size * basis[j, ..., 0], f[j])
     G = wrenches(contacts.p_W, np.where(free[..., None, :], basis, 0.0))
     G = np.moveaxis(G, 2, 3).reshape(N, M, 6, 3 * C)
-    x = -np.linalg.pinv(G, rcond=SINGULAR) @ residual(contacts, f)[..., None]
-    return f + np.einsum("nmcae,nmce->nmca", basis, np.where(free, x[..., 0].reshape(N, M, C, 3), 0.0))
+    # Gᵀ (G Gᵀ)⁺ is G⁺, and 6 by 6; its squared singular values lose digits, which the second time brings back.
+    G_T = np.swapaxes(G, -1, -2)
+    inverse = G_T @ np.linalg.pinv(G @ G_T, rcond=SINGULAR**2, hermitian=True)
+    for _ in range(2):
+        x = -inverse @ residual(contacts, f)[..., None]
+        f = f + np.einsum("nmcae,nmce->nmca", basis, np.where(free, x[..., 0].reshape(N, M, C, 3), 0.0))
+    return f
 
 
 def failure(contacts: Contacts, nodes: Nodes, margins: Margins, settings: Loads) -> Failure:

@@ -25,6 +25,7 @@ from regrasp.scene.schema import Scene
 Array = NDArray[np.float64]
 
 SOON = 200  # poses of the first route that are looked at when the time is up
+SPARE = 0.06  # s of a time limit for what comes after the search, forces and times, but no more than an eighth of it
 
 
 def start_grasp(task: Task, leg: Leg) -> Grasp | Failure | None:
@@ -75,7 +76,8 @@ def plan_scene(scene: Scene, seed: int, settings: Settings, progress: Report | N
     fails, the leg's cost goes up and the next route may differ. The same seed gives the same plan on any number of threads,
     unless the time is limited.
     """
-    clock = start_clock(settings.time_limit)
+    limit = settings.time_limit
+    clock = start_clock(limit - min(SPARE, limit / 8.0))
     report = progress or (lambda _: None)
     with warmed(report):
         task = prepare(scene, settings)
