@@ -174,8 +174,7 @@ class ContactMotions:
 
     def breaks_nothing(self) -> bool:
         """Whether the current V breaks no constraint at the ends of its intervals, and its contacts determine the pose."""
-        now = self.current
-        return not (np.any(now.c) or np.any(now.e) or np.any(now.h))
+        return self.unbroken() == len(self.current.V) and not np.any(self.current.h)
 
     def propose(self, rng: np.random.Generator) -> Change:
         """A random move (`propose`)."""

@@ -116,15 +116,9 @@ def find_grasp(
 
 
 def lasting_choice(
-    fixed: Fixed,
-    scan: Scan,
-    margins: Margins,
-    ahead: Ahead,
-    w: Weighing,
-    legal: list[NDArray[np.int64]],
-    u: Array,
+    fixed: Fixed, scan: Scan, margins: Margins, ahead: Ahead, w: Weighing, legal: list[NDArray[np.int64]], u: Array,
     known: list[Choice],
-) -> Choice | None:
+) -> Choice | None:  # fmt: skip
     """Candidates in the air on which all agents can stay along the whole path: the first known ones, else some found soon.
 
     Every look ahead finds them lasting; which of them are not, between the looks, is seen by following the choice's contacts,
