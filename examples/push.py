@@ -1,6 +1,6 @@
 """An object is pushed off its path in mid-plan, 20 mm and 15°, and still reaches its goal: the plan is planned again.
 
-    python examples/push.py
+    python examples/push.py              # or with seeds of the plan: python examples/push.py 1 2 3
 
 Everything runs in physics: the object is free, only a wrench on it pushes. The fingers give way to the push; meanwhile
 `Replanner.step` plans from the measured pose and joints, leg after leg. An answer counts LATENCY later, if the object is
@@ -8,6 +8,7 @@ still there. Beside that, the same push with the plan alone.
 """
 
 import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -194,9 +195,10 @@ def told(answer: Answer) -> str:
     return f"a plan of {answer.plan.summary()['duration']:.1f} s to {whole}"
 
 
-def main() -> None:
-    """Both runs, in words."""
-    plan = planned("fig4-relocation", 4)
+def both(seed: int) -> list[bool]:
+    """Both runs of a plan, in words; whether they reach the goal."""
+    reached = []
+    plan = planned("fig4-relocation", seed)
     push = upwards(plan)
     for words, replanner in (("the plan alone", None), ("planned again", Replanner(plan))):
         found = run(plan, push, replanner)
@@ -206,6 +208,15 @@ def main() -> None:
             print(f"  step(): {off}, {1e3 * answer.seconds:.0f} ms: {told(answer)}")
         lost = ", the object was dropped" if found.dropped else ""
         print(f"  at the end {1e3 * found.final[0]:.1f} mm and {math.degrees(found.final[1]):.1f}° off the goal{lost}")
+        reached.append(found.reached)
+    return reached
+
+
+def main() -> None:
+    """Both runs of each plan."""
+    seeds = [int(word) for word in sys.argv[1:]] or [2]
+    alone, again = np.sum([both(seed) for seed in seeds], axis=0)
+    print(f"at the goal: {alone} of {len(seeds)} alone, {again} planned again")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from regrasp.planner.replan import Replanner, Replanning
 
 def test_a_pushed_object_still_reaches_its_goal() -> None:
     """Without a time limit, so that every machine takes the same steps."""
-    plan = planned("fig4-relocation", 4)
+    plan = planned("fig4-relocation", 2)
     push = upwards(plan)
     alone, again = run(plan, push, None), run(plan, push, Replanner(plan, Replanning(time_limit=0.0)))
     assert alone.dropped

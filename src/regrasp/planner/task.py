@@ -31,8 +31,8 @@ class Settings:
 
     intervals: int = 30
     samples: int = 12
-    turn: float = 0.06
-    travel: float = 0.12
+    turn: float = 0.08
+    travel: float = 0.16
     arcs: int = 36
     patience: int = 3
     time_limit: float = 0.0
