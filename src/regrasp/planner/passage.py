@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 LEAP = 0.15  # m that a body goes between two samples at most
 WIDE = 0.35  # rad or m that joints go between two samples without a look at how far the bodies do
+LOW = 0.25  # of the lift height that a tip keeps off the object between its lifts
 NEAR = 0.1  # rad or m that joints go between two looks for collisions
 WAYS = 4  # direct, over the object at one and at two lift heights, by the rest posture
 ROUND = 6  # further ways where the object stands still: along the axes of W, beside it, over it and under it
@@ -216,6 +217,12 @@ def obstacle(
             widest = max(widest, abs(q[s + 1, a] - q[s, a]))
     if ask[i] and widest > WIDE and leaps(hand, path, j, i, q, R_WL, p_WL, R_G, p_G):
         return i
+    low = high * LOW
+    if ask[i] and not lifts:
+        forward(hand.chains, i, q[0], R_WL, p_WL)
+        place_agent(hand, i, path.R_WP[base, j, 0], path.p_WP[base, j, 0], R_WL, p_WL, R_G, p_G)
+        if tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], low):
+            low = clearance  # a tip that is nearer has to get away
     looks = max(2, whole(np.ceil(widest / NEAR)))
     half = looks * m // 2
     for turn in range(1, looks * m):
@@ -236,7 +243,8 @@ def obstacle(
             if not stands_clear(hand, i, R_G, p_G, R_B, p_B, clearance):
                 return i
             rising = (lifts and look <= looks * rise) or (lands and look >= looks * (m - rise))
-            if not rising and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], 0.25 * high):
+            least = low if look <= looks * rise else LOW * high
+            if not rising and tip_hits(hand, i, R_G, p_G, R_B[last:], p_B[last:], least):
                 return i
         for b in range(k):
             if b == i or not ask[b]:
