@@ -209,6 +209,9 @@ def test_paths_join_and_have_the_intervals_that_turn_and_travel_ask_for(book: tu
         ends += [(one[1][-1], two[1][0]) for one, two in itertools.pairwise(pieces)]
         for one, two in ends:
             np.testing.assert_allclose(one, two, atol=1e-12)
+        paused, m = first_piece(task, a, None, pause=2), s.samples
+        np.testing.assert_array_equal(paused.p_WO[2:], first_piece(task, a, None).p_WO)
+        np.testing.assert_array_equal(paused.R_WO[:2], np.broadcast_to(pieces[0][0][0], (2, m + 1, 3, 3)))
     both = paths_of(task, list(arcs[0].halves()), None)[0]
     np.testing.assert_allclose(both.p_WO[-1, -1], arcs[0].goal[1], atol=1e-12)
     still = rest_at(task, arcs[0].start, 3, None)

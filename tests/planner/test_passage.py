@@ -1,10 +1,14 @@
 """Free motions of relocating agents: the whole way is clear by MuJoCo's distances."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arcs import NAMES, Arc, Oracle, arc, between, height
 
 from regrasp.planner.chain import ContactMotions
+from regrasp.planner.configurations import Grasp, normal_at
+from regrasp.planner.measured import measured_grasp
 from regrasp.planner.motions import MOTION_COUNT, ONTO, RELOCATE, STAY
 from regrasp.planner.passage import LEAP, ROUND, WAYS, free_motion, leaps
 from regrasp.planner.pieces import rest_at
@@ -95,6 +99,36 @@ def test_only_round_an_object_that_stands_still_are_further_ways_tried() -> None
                 ways |= set(problem.current.way[1].tolist())
     assert max(moving) < WAYS
     assert WAYS <= max(still) < WAYS + ROUND
+
+
+def test_a_tip_that_begins_in_the_air_close_to_the_object_takes_hold_again() -> None:
+    """Also from nearer than tips otherwise keep off the object, and no nearer than the clearance on its way."""
+    a = arc("fig4-relocation")
+    pose, k = (a.path.R_WO[0, 0], a.path.p_WO[0, 0]), len(a.task.names)
+    for i in np.flatnonzero(a.grasp.holds).tolist():
+        n = np.empty(3)
+        normal_at(a.hand, a.grasp.p_OC[i].copy(), n)
+        back = pose[0], pose[1] - 0.0025 * pose[0] @ n
+        bears = np.arange(k) != i
+        grasp = measured_grasp(a.task, back, a.grasp.q, bears, 0.003, a.terms.clearance)
+        assert isinstance(grasp, Grasp)
+        assert not grasp.holds[i]
+        close = dataclasses.replace(a, path=rest_at(a.task, back, 1, grasp), grasp=grasp)
+        taken = 0
+        for c in range(0, len(close.scan().p_O), 5):
+            V = np.full((1, k), STAY, np.int16)
+            V[0, i] = ONTO + c
+            problem = close.problem(V)
+            if problem.current.behind[0, i] or problem.current.way[0, i] < 0:
+                continue
+            taken += 1
+            q = close.motion(problem).joints[0]
+            oracle = Oracle(a.task)
+            for row in q[: len(q) - len(q) // 4 - 1]:
+                oracle.put(*back, row)
+                away = height(a, back[0].T @ (oracle.tip(i)[1] - back[1])) - a.hand.size_T[i, 0]
+                assert away >= a.terms.clearance
+        assert taken > 0
 
 
 @pytest.mark.parametrize("name", ["fig4-relocation", "puma4-obstacles", "book-shelf"])

@@ -19,7 +19,7 @@ from regrasp.planner.configurations import Grasp
 from regrasp.planner.hand import Hand, hand_of
 from regrasp.planner.measured import measured_grasp
 from regrasp.planner.method import Settings, plan_scene, prepare
-from regrasp.planner.replan import Replanner, Replanning
+from regrasp.planner.replan import CALLS, PAUSE, Replanner, Replanning
 from regrasp.planner.resume import resampled, with_touching
 from regrasp.scene.load import load
 from regrasp.scene.world import from_plan
@@ -126,10 +126,16 @@ def test_a_failed_search_goes_on_with_the_next_call() -> None:
     assert plan is not None
     hand = hand_of(from_plan(plan.scene, plan.xml, plan.assets))
     some = dataclasses.replace(SOME, iterations=100, runs=1)
-    calls = [asked(Replanner(plan, some, seed), pushed(plan, hand, seed)) for seed in range(8)]
+    calls = [asked(Replanner(plan, some, seed), pushed(plan, hand, seed)) for seed in range(20)]
     late = [answers for answers in calls if len(answers) > 1]
     assert late
     assert any(answers[-1].new for answers in late)
+    # The third and the fourth call search the way on which the object first rests.
+    ended = [answers for answers in calls if answers[-1].new and len(answers) <= 2 * CALLS]
+    rests = [len(answers) > CALLS for answers in ended]
+    still = [np.ptp(answers[-1].plan.object_position[:PAUSE].reshape(-1, 3), axis=0).max() < 1e-12 for answers in ended]
+    assert still == rests
+    assert any(rests)
 
 
 def test_a_plan_planned_again_can_be_planned_again(plan: Plan, hand: Hand) -> None:

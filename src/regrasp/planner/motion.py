@@ -25,7 +25,7 @@ Flags = NDArray[np.uint8]
 
 GRAZE = 5e-5  # m: a tip may come so far into the surface between two samples of its lift
 LIMIT = RANGE_MARGIN  # rad or m: a joint may use up the margin between two samples
-UNEVEN = 0.006  # rad: second difference of the samples above which their spline strays from the contact
+UNEVEN = 0.005  # rad: third difference of the samples above which their cubic spline strays from the contact
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,11 @@ def violated(
     fine = between(joints)
     past = (fine < hand.chains.lower - LIMIT) | (fine > hand.chains.upper + LIMIT)
     outside = np.logical_or.reduceat(past.any(axis=1), start[:-1], axis=1)
-    bends = np.abs(np.diff(joints, 2, axis=1)).max(axis=1) > UNEVEN
+    bends = np.abs(np.diff(joints, 3, axis=1)).max(axis=1) > UNEVEN
     bent = np.logical_or.reduceat(bends, start[:-1], axis=1) & (bears == 1)
     arms = between(path.arm_q)
     stray = np.any((arms < hand.arms.lower - LIMIT) | (arms > hand.arms.upper + LIMIT), axis=(1, 2))
-    stray |= np.any(np.abs(np.diff(path.arm_q, 2, axis=1)) > UNEVEN, axis=(1, 2))
+    stray |= np.any(np.abs(np.diff(path.arm_q, 3, axis=1)) > UNEVEN, axis=(1, 2))
     grazes = np.zeros(ends.shape, np.bool_)
     for j, i in zip(*np.nonzero(ends), strict=True):
         grazes[j, i] = least_gap(hand, path, j, i, fine[j][:, start[i] : start[i + 1]].copy()) < -GRAZE

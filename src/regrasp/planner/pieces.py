@@ -34,9 +34,15 @@ def paths_of(task: Task, arcs: list[Arc], grasp: Grasp | None) -> list[Path]:
     return ways_along(task, np.concatenate(R), np.concatenate(p), sum(counts), grasp)
 
 
-def first_piece(task: Task, arc: Arc, grasp: Grasp | None, least: int = 4) -> Path:
-    """The first piece of an arc, the arms going with the object as far as they can, or at rest where they can't go at all."""
-    piece = pieces_of(task, arc, least)[0]
+def first_piece(task: Task, arc: Arc, grasp: Grasp | None, least: int = 4, pause: int = 0) -> Path:
+    """The first piece of an arc, the arms going with the object as far as they can, or at rest where they can't go at all.
+
+    pause: intervals at rest before it.
+    """
+    R, p, n = pieces_of(task, arc, least)[0]
+    still = np.zeros(pause * task.settings.samples, np.int64)
+    rows = np.concatenate([still, np.arange(len(R))])
+    piece = R[rows], p[rows], pause + n
     found = ways_along(task, *piece, grasp)
     return found[0] if found else _path(task, *piece, np.tile(arm_joints(task, grasp), (len(piece[0]), 1)))
 

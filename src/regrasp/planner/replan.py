@@ -14,6 +14,7 @@ from regrasp.planner.arcs import straight
 from regrasp.planner.assemble import Segment, assemble
 from regrasp.planner.clock import Clock, start_clock
 from regrasp.planner.configurations import Grasp
+from regrasp.planner.grasp import continued, nothing
 from regrasp.planner.local import plan_arc
 from regrasp.planner.measured import in_contact, measured_grasp, roomy, settled, started
 from regrasp.planner.method import end_pose
@@ -33,6 +34,8 @@ REHEARSAL = 0.05
 """s of annealing before the first step."""
 CALLS = 2
 """Calls that search the same way before another one is tried."""
+PAUSE = 8
+"""Intervals that the object rests on the second way, so that fingers can take hold anew before it goes on."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,7 @@ class Replanner:
         way, legs = self._chosen(self._legs(t, j), X_WO)
         if not legs:
             return Failure("route", "start", "object", "something is in its way", "clear its way")
-        path, V, rest = self._arc(X_WO, legs, grasp)
+        path, V, rest = self._arc(X_WO, legs, grasp, PAUSE if way == 1 else 0)
         energy = roomy(task.hand, path, grasp, task.settings.local.energy)
         if isinstance(energy, Failure):
             return energy
@@ -224,24 +227,26 @@ class Replanner:
         return legs or [Leg(self._goal, np.empty((0, plan.V.shape[1]), np.int8))]
 
     def _chosen(self, legs: list[Leg], X_WO: Pose) -> tuple[int, list[Leg]]:
-        """The way that this call searches, its number and its legs: straight to one subgoal after the other, then around.
+        """The way that this call searches, its number and its legs.
 
-        None where all straight ways are blocked and there is no other.
+        Straight to the first subgoal, the same after a pause, straight to one later subgoal after the other, then around. None
+        where all straight ways are blocked and there is no other.
         """
-        task, ways = self._task, len(legs) + 1
+        task, ways = self._task, len(legs) + 2
         first = self._calls // CALLS
-        for way in range(first, first + ways):
-            skipped = way % ways
+        for turn in range(first, first + ways):
+            way = turn % ways
+            skipped = max(0, way - 1)
             if skipped < len(legs):
                 end = legs[skipped].end
                 if task.router.way(X_WO, end) is not None:
                     V = np.concatenate([leg.V for leg in legs[: skipped + 1]])
-                    return skipped, [Leg(end, V), *legs[skipped + 1 :]]
+                    return way, [Leg(end, V), *legs[skipped + 1 :]]
             else:
                 around = self._around(X_WO)
                 if around:
                     parts = np.array_split(np.concatenate([leg.V for leg in legs]), len(around))
-                    return skipped, [Leg(pose, V) for pose, V in zip(around, parts, strict=True)]
+                    return way, [Leg(pose, V) for pose, V in zip(around, parts, strict=True)]
         return 0, []
 
     def _around(self, X_WO: Pose) -> list[Pose]:
@@ -254,8 +259,11 @@ class Replanner:
             self._detour = [] if isinstance(route, Failure) else [leg.arc.goal for leg in route]
         return self._detour
 
-    def _arc(self, X_WO: Pose, legs: list[Leg], grasp: Grasp) -> tuple[Path, Codes, list[Leg]]:
-        """The nominal path of the first arc along the legs, the old V on it, and the legs that then remain."""
+    def _arc(self, X_WO: Pose, legs: list[Leg], grasp: Grasp, pause: int) -> tuple[Path, Codes, list[Leg]]:
+        """The nominal path of the first arc along the legs, the old V on it, and the legs that then remain.
+
+        pause: intervals at rest before it.
+        """
         touching = grasp.holds == 1
         V = legs[0].V
         if len(V) == 0:
@@ -263,10 +271,11 @@ class Replanner:
         V = with_touching(V, touching)
         least = self.settings.intervals if np.any(V == RELOCATE) else 4
         arc = straight(X_WO, legs[0].end)
-        path, pieces = first_piece(self._task, arc, grasp, least), pieces_of(self._task, arc, least)
-        V, n = resampled(V, sum(count for _, _, count in pieces)), len(path.R_WO)
+        path, pieces = first_piece(self._task, arc, grasp, least, pause), pieces_of(self._task, arc, least)
+        V, n = resampled(V, sum(count for _, _, count in pieces)), len(path.R_WO) - pause
         rest = [Leg(legs[0].end, V[n:])] if len(pieces) > 1 else []
-        return path, V[:n], rest + legs[1:]
+        still = continued(nothing(grasp), pause).astype(np.int8)
+        return path, np.concatenate([still, V[:n]]), rest + legs[1:]
 
     def _searched(
         self, way: int, path: Path, V: Codes, grasp: Grasp, energy: Energy, clock: Clock
