@@ -14,7 +14,7 @@ from regrasp.planner.motions import ONTO, RELOCATE
 from regrasp.planner.scan import new_scan
 from regrasp.search.annealing import Settings, anneal
 
-STARTS, INTERVALS, EVALUATIONS = 16, 10, 4000
+STARTS, TURN, EVALUATIONS = 16, 0.06, 4000
 ANNEALING = Settings(iterations=EVALUATIONS - 200, trials=200)
 DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 
@@ -22,7 +22,7 @@ DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 @pytest.fixture(scope="module")
 def searches():
     """From each random V: the problem at the end of a downhill search, and annealing's least energy."""
-    work = job("fig3-puma3", intervals=INTERVALS)  # its whole way
+    work = job("fig3-puma3", turn=TURN)  # its whole way in ten intervals
     hand, local = work.task.hand, work.task.settings.local
     terms = terms_of(hand, local)
     scan = new_scan(hand, work.path, local.relocation)  # it only remembers: shared by all searches
