@@ -29,7 +29,7 @@ SPURT = 0.08  # rad: a joint of a short chain that moves further in one sample i
 SETTLE = 3e-4  # rad: by so much at most the joints of a short chain are corrected in one sample
 AGREEING = 12  # places and attitudes of a short chain's tip that is no ball, until they agree
 AGILE = 4.0  # rad per rad
-JUMP = 0.2  # rad: a joint that moves further in one interval is at a singularity or changes its branch
+JUMP = 0.27  # rad: a joint that moves further in one interval is at a singularity or changes its branch
 
 
 @kernel
