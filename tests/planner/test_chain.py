@@ -204,4 +204,4 @@ def test_every_shortcut_saves_work(name: str) -> None:
     assert configurations < 0.12
     assert programs < 0.35
     assert pivots < 0.2
-    assert ways < 0.4
+    assert ways < 0.45
