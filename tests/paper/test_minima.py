@@ -14,7 +14,7 @@ from regrasp.planner.motions import ONTO, RELOCATE
 from regrasp.planner.scan import new_scan
 from regrasp.search.annealing import Settings, anneal
 
-STARTS, TURN, EVALUATIONS = 16, 0.06, 4000
+STARTS, TURN, EVALUATIONS = 48, 0.06, 4000
 ANNEALING = Settings(iterations=EVALUATIONS - 200, trials=200)
 DOWNHILL = Settings(iterations=EVALUATIONS, acceptance=0.0)
 
