@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
-KERNELS  := $(shell grep -rlE --include='*.py' 'native import|Record' src/regrasp)
+KERNELS  := $(shell grep -rlE --include='*.py' 'native import|Record|njit|intrinsic' src/regrasp)
 OUT    := out
 SCENE  ?= fig4-relocation
 SEED   ?= 1

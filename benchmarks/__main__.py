@@ -36,7 +36,7 @@ def parts(quick: bool) -> dict[str, Callable[[], list[Row]]]:
         "scenes": lambda: jobs.scenes(100 if quick else 600, few),
         "moves": lambda: jobs.moves_apart(paper_job(), some),
         **scalings,
-        "threads": lambda: threads.rows(paper_job(), iterations, some),
+        "threads": lambda: threads.rows(paper_job(), iterations, 3 * some),
         "plans": lambda: plans.rows(1 if quick else 3, plans.LIMITS[3:4] if quick else plans.LIMITS),
         "tempering": lambda: tempering.rows(
             {name: made() for name, made in tried.items()}, few if quick else 8, iterations

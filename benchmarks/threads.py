@@ -1,6 +1,7 @@
 """What a second thread gives: two chains side by side, against the same two one after the other.
 
-Both make the same moves from the same V: neither is done before the other.
+Both make the same moves from the same V. A processor that somebody else is using may take twice as long for them, and which
+one that is changes within seconds: side by side each thread is timed by itself, and what both do in a second is added up.
 """
 
 import math
@@ -42,9 +43,15 @@ def sums(count: int) -> float:
     return a + b + c + d
 
 
-def both(pool: ThreadPoolExecutor, work: Callable[[int], None]) -> None:
-    """Pieces 0 and 1 of the work side by side."""
-    list(pool.map(work, (0, 1)))
+def both(pool: ThreadPoolExecutor, work: Callable[[int], None], count: int) -> tuple[float, float]:
+    """Pieces 0 and 1 of the work, of `count` steps each: steps per second (side by side, one after the other)."""
+
+    def timed(piece: int) -> float:
+        return seconds_of(partial(work, piece))
+
+    together = list(pool.map(timed, (0, 1)))
+    alone = [pool.submit(timed, piece).result() for piece in (0, 1)]
+    return sum(count / seconds for seconds in together), 2 * count / sum(alone)
 
 
 def rows(work: Job, moves: int, repeats: int) -> list[Row]:
@@ -74,10 +81,9 @@ def rows(work: Job, moves: int, repeats: int) -> list[Row]:
         problems += pool.map(lambda _: problem_of(work, V, Shortcuts()), range(2))
         for repeat in range(repeats + 1):
             for name, (each, count, _) in kinds.items():
-                two = seconds_of(partial(both, pool, each))
-                one = seconds_of(partial(each, 0)) + seconds_of(partial(each, 1))
+                rate = both(pool, each, count)
                 if repeat:  # the first fills the memories
-                    rates[name].append((2 * count / two, 2 * count / one))
+                    rates[name].append(rate)
     found = []
     for name, (_, _, note) in kinds.items():
         two_threads, one_thread = zip(*rates[name], strict=True)

@@ -81,6 +81,14 @@ def test_products_agree_with_numpy_also_in_place(seed):
     np.testing.assert_allclose(product, A @ B, atol=1e-15)
     rotations.multiply_back(A, B, product)
     np.testing.assert_allclose(product, A.T @ B, atol=1e-15)
+    for function, place, expected in (
+        (rotations.multiply, 0, A @ B),
+        (rotations.multiply, 1, A @ B),
+        (rotations.multiply_back, 1, A.T @ B),
+    ):
+        factors = [A.copy(), B.copy()]
+        function(*factors, factors[place])
+        np.testing.assert_allclose(factors[place], expected, atol=1e-15)
     for left, right in ((a, b), (tuple(a), tuple(b))):
         np.testing.assert_allclose(rotations.cross(left, right), np.cross(a, b), atol=1e-14)
         np.testing.assert_allclose(rotations.plus(left, 0.3, right), a + 0.3 * b, atol=1e-15)

@@ -1,25 +1,27 @@
-"""How kernels are compiled: kept on disk, beside other threads, and without the memory manager.
+"""How kernels are compiled: kept on disk, beside other threads, without the memory manager, in packed instructions.
 
-numba counts the references to every array that a function is given or takes from another, with atomic instructions, and
-looks whether slices that are assigned overlap: in kernels of a few dozen multiplications that costs as much as their
-arithmetic, and half of their compilation. Kernels allocate nothing; their callers own all arrays.
+numba counts the references to every array that a function is given or takes from another, with atomic instructions, looks
+of every index whether it counts from the end and of every slice whether it is within its array, and whether slices that are
+assigned overlap: in kernels of a few dozen multiplications that costs as much as their arithmetic, and half of their
+compilation. Kernels allocate nothing; their callers own all arrays.
 """
 
 # numba's extension interface is untyped.
-# mypy: disable-error-code="import-untyped, no-untyped-call, untyped-decorator"
+# mypy: disable-error-code="import-untyped, no-untyped-call, untyped-decorator, attr-defined"
 
 import operator
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit, types
+from numba import config, njit, types
 from numba.core import cgutils
 from numba.extending import lower_builtin
 from numba.np.arrayobj import (
-    basic_indexing,
+    getitem_array_tuple,
+    getitem_arraynd_intp,
     load_item,
     make_array,
-    normalize_indices,
+    make_view,
     setitem_array,
     store_item,
 )
@@ -33,20 +35,21 @@ OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, "error_m
 def kernel(function: F) -> F:
     """Compile a function on arrays, numbers and records that allocates no array (`kernels.stack` has scratch arrays).
 
-    It calls kernels only. To them, not to Python, it may return arrays that it was given, and views of them. In it
-    `a[…] = b` of two arrays wants equal shapes and no overlap; neither is looked at.
+    It calls kernels only. To them, not to Python, it may return arrays that it was given, and views of them. In it an index
+    counts from 0, a slice [a:b] has 0 ≤ a ≤ b and no step, and `a[…] = b` of two arrays wants equal shapes and no overlap;
+    none of it is looked at.
     """
-    return cast(F, njit(**OPTIONS)(function))
+    return cast(F, _packed(njit(**OPTIONS)(function)))
 
 
 def inlined(function: F) -> F:
     """A `kernel` that is copied into its callers."""
-    return cast(F, njit(**OPTIONS, forceinline=True)(function))
+    return cast(F, _packed(njit(**OPTIONS, forceinline=True)(function)))
 
 
 def ordered(function: F) -> F:
     """As `inlined`, for numbers among which there is no NaN, and of which zero has no sign: minima are single instructions."""
-    return cast(F, njit(**OPTIONS, forceinline=True, fastmath={"nnan", "nsz"})(function))
+    return cast(F, _packed(njit(**OPTIONS, forceinline=True, fastmath={"nnan", "nsz"})(function)))
 
 
 def heap(function: F) -> F:
@@ -54,27 +57,92 @@ def heap(function: F) -> F:
     return cast(F, njit(cache=True, nogil=True)(function))
 
 
-@lower_builtin(operator.setitem, types.Array, types.Any, types.Array)
-def _assign(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """a[…] = b. With the memory manager it is numba's own."""
-    if context.enable_nrt:
-        return setitem_array(context, builder, signature, arguments)
-    kind, index_kind, source_kind = signature.args
+def _packed(dispatcher: Any) -> Any:
+    """The same, compiled with operations on neighbouring numbers packed into one instruction: the same results, sooner.
+
+    numba has a switch for it, and one for all that it compiles.
+    """
+    compile_one = dispatcher.compile
+
+    def compile_packed(signature: Any) -> Any:
+        before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
+        try:
+            return compile_one(signature)
+        finally:
+            config.SLP_VECTORIZE = before
+
+    dispatcher.compile = compile_packed
+    return dispatcher
+
+
+def _place(
+    context: Any, builder: Any, kind: Any, array: Any, index_kind: Any, index: Any
+) -> tuple[Any, list[Any], list[Any]] | None:
+    """(address, lengths, strides) of a[index], index as `kernel` allows them; None for indices of another kind."""
     several = isinstance(index_kind, types.BaseTuple)
     kinds = index_kind.types if several else (index_kind,)
-    indices = cgutils.unpack_tuple(builder, arguments[1], count=len(kinds)) if several else (arguments[1],)
-    kinds, indices = normalize_indices(context, builder, kinds, indices)
+    indices = cgutils.unpack_tuple(builder, index, count=len(kinds)) if several else (index,)
+    if not all(
+        isinstance(one, types.Integer) or (isinstance(one, types.SliceType) and not one.has_step) for one in kinds
+    ):
+        return None
+    shape, strides = (cgutils.unpack_tuple(builder, row, count=kind.ndim) for row in (array.shape, array.strides))
+    first, lengths, steps = [], [], []
+    for axis in range(kind.ndim):
+        if axis >= len(kinds):
+            first.append(context.get_constant(types.intp, 0))
+            lengths.append(shape[axis])
+            steps.append(strides[axis])
+        elif isinstance(kinds[axis], types.Integer):
+            first.append(context.cast(builder, indices[axis], kinds[axis], types.intp))
+        else:
+            part = context.make_helper(builder, kinds[axis], value=indices[axis])
+            last = builder.select(builder.icmp_signed("<", part.stop, shape[axis]), part.stop, shape[axis])
+            first.append(part.start)
+            lengths.append(builder.sub(last, part.start))
+            steps.append(strides[axis])
+    data = cgutils.get_item_pointer(context, builder, kind, array, first, wraparound=False, boundscheck=False)
+    return data, lengths, steps
+
+
+@lower_builtin(operator.getitem, types.Array, types.Integer)
+@lower_builtin(operator.getitem, types.Array, types.SliceType)
+@lower_builtin(operator.getitem, types.Array, types.BaseTuple)
+def _take(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """a[…]. With the memory manager it is numba's own."""
+    kind, index_kind = signature.args
     array = make_array(kind)(context, builder, arguments[0])
-    data, lengths, strides = basic_indexing(context, builder, kind, array, kinds, indices, boundscheck=False)
-    if len(lengths) != source_kind.ndim:
-        raise NotImplementedError(f"{len(lengths)} axes = {source_kind.ndim} axes in a kernel")
-    source = make_array(source_kind)(context, builder, arguments[2])
+    place = None if context.enable_nrt else _place(context, builder, kind, array, index_kind, arguments[1])
+    if place is None:
+        own = getitem_array_tuple if isinstance(index_kind, types.BaseTuple) else getitem_arraynd_intp
+        return own(context, builder, signature, arguments)
+    data, lengths, strides = place
+    if not isinstance(signature.return_type, types.Array):
+        return load_item(context, builder, kind, data)
+    return make_view(context, builder, kind, array, signature.return_type, data, lengths, strides)._getvalue()
+
+
+@lower_builtin(operator.setitem, types.Array, types.Any, types.Any)
+def _put(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """a[…] = b. With the memory manager it is numba's own."""
+    kind, index_kind, value_kind = signature.args
+    array = make_array(kind)(context, builder, arguments[0])
+    place = None if context.enable_nrt else _place(context, builder, kind, array, index_kind, arguments[1])
+    if place is None or (place[1] and not isinstance(value_kind, types.Array)):  # a number for many places
+        return setitem_array(context, builder, signature, arguments)
+    data, lengths, strides = place
+    if not lengths:
+        store_item(context, builder, kind, context.cast(builder, arguments[2], value_kind, kind.dtype), data)
+        return context.get_dummy_value()
+    if len(lengths) != value_kind.ndim:
+        raise NotImplementedError(f"{len(lengths)} axes = {value_kind.ndim} axes in a kernel")
+    source = make_array(value_kind)(context, builder, arguments[2])
     source_lengths, source_strides = (cgutils.unpack_tuple(builder, row) for row in (source.shape, source.strides))
     with cgutils.loop_nest(builder, lengths, lengths[0].type) as at:
         there = cgutils.get_item_pointer2(context, builder, data, lengths, strides, "A", at)
         here = cgutils.get_item_pointer2(
-            context, builder, source.data, source_lengths, source_strides, source_kind.layout, at
+            context, builder, source.data, source_lengths, source_strides, value_kind.layout, at
         )
-        value = context.cast(builder, load_item(context, builder, source_kind, here), source_kind.dtype, kind.dtype)
+        value = context.cast(builder, load_item(context, builder, value_kind, here), value_kind.dtype, kind.dtype)
         store_item(context, builder, kind, value, there)
     return context.get_dummy_value()

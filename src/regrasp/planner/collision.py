@@ -32,10 +32,9 @@ def place_agent(
     first, last = hand.geom_start[i], hand.geom_start[i + 1]
     place(hand, first, last, R_PL, p_PL, R_WG, p_WG)
     if hand.base[i] > 0:
-        R, p = stack((3, 3)), stack(3)
+        p = stack(3)
         for g in range(last - first):
-            R[:] = R_WG[g]
-            multiply(R_WP, R, R_WG[g])
+            multiply(R_WP, R_WG[g], R_WG[g])
             rotate(R_WP, p_WG[g], p)
             for a in range(3):
                 p_WG[g, a] = p_WP[a] + p[a]
