@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import config, njit
 from numba.core.errors import NumbaError
+from numba.core.event import Event, Listener, install_listener
 
 import regrasp
 from regrasp.kernels.native import kernel
@@ -93,6 +94,32 @@ def test_no_kernel_counts_from_the_end() -> None:
 def negative(rows: np.ndarray, n: int) -> float:
     """What a kernel must not do."""
     return rows[-1] + rows[1:-n] + rows[n - 1] + rows[0, -1]
+
+
+def test_numbas_switch_stands_as_it_stood_before_a_compilation() -> None:
+    seen = []
+
+    def looks(a: np.ndarray) -> float:
+        return a[0]
+
+    before = config.SLP_VECTORIZE
+    compiled = kernel(looks)
+    with install_listener("numba:compile", During(seen)):
+        assert compiled(np.ones(3)) == 1.0
+    assert seen == [1, 1]
+    assert before == config.SLP_VECTORIZE
+
+
+class During(Listener):
+    """Notes the switch when a compilation begins and ends."""
+
+    def __init__(self, seen: list[int]) -> None:
+        self._seen = seen
+
+    def on_start(self, _: Event) -> None:
+        self._seen.append(config.SLP_VECTORIZE)
+
+    on_end = on_start
 
 
 def test_a_kernel_allocates_nothing() -> None:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar, cast
 
 from numba import config, njit, types
 from numba.core import cgutils
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import lower_builtin
 from numba.np.arrayobj import (
     getitem_array_tuple,
@@ -60,16 +61,17 @@ def heap(function: F) -> F:
 def _packed(dispatcher: Any) -> Any:
     """The same, compiled with operations on neighbouring numbers packed into one instruction: the same results, sooner.
 
-    numba has a switch for it, and one for all that it compiles.
+    numba has one switch for all that it compiles, and compiles one function at a time.
     """
     compile_one = dispatcher.compile
 
     def compile_packed(signature: Any) -> Any:
-        before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
-        try:
-            return compile_one(signature)
-        finally:
-            config.SLP_VECTORIZE = before
+        with global_compiler_lock:
+            before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
+            try:
+                return compile_one(signature)
+            finally:
+                config.SLP_VECTORIZE = before
 
     dispatcher.compile = compile_packed
     return dispatcher
