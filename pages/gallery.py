@@ -29,7 +29,7 @@ WIDTH = 1100
 """Of a picture, px."""
 HEAD = """# Gallery
 
-Every built-in scene, planned with seed {seed} and the settings of its file, checked, drawn and filmed: what `make gallery` makes.
+Every built-in scene, planned with seed {seed} and its file's settings, checked, drawn and filmed: what `make gallery` makes.
 A picture is what `regrasp render PLAN -o FILE.png` draws, a clip what `-o FILE.mp4` films; [how to read them](reading.md).
 
 """
