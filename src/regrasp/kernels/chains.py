@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from regrasp.kernels.native import kernel
 from regrasp.kernels.records import Record
-from regrasp.kernels.rotations import Array, multiply, triple
+from regrasp.kernels.rotations import Array, along, multiply, plus, rows
 
 HINGE, SLIDE = 0, 1
 
@@ -72,11 +72,9 @@ def forward(chains: Chains, a: int, q: Array, R_WL: Array, p_WL: Array) -> None:
             E01, E10 = v * u0 * u1 - s * u2, v * u0 * u1 + s * u2
             E20, E02 = v * u0 * u2 - s * u1, v * u0 * u2 + s * u1
             E12, E21 = v * u1 * u2 - s * u0, v * u1 * u2 + s * u0
-            P0, P1, P2 = triple(P[0]), triple(P[1]), triple(P[2])
+            P_0, P_1, P_2 = rows(P)
             for r in range(3):
-                h0 = R[r, 0] * P0[0] + R[r, 1] * P1[0] + R[r, 2] * P2[0]
-                h1 = R[r, 0] * P0[1] + R[r, 1] * P1[1] + R[r, 2] * P2[1]
-                h2 = R[r, 0] * P0[2] + R[r, 1] * P1[2] + R[r, 2] * P2[2]
+                h0, h1, h2 = plus(along(P_0, P_1, R[r, 0], R[r, 1]), R[r, 2], P_2)
                 L[r, 0] = h0 * E00 + h1 * E10 + h2 * E20
                 L[r, 1] = h0 * E01 + h1 * E11 + h2 * E21
                 L[r, 2] = h0 * E02 + h1 * E12 + h2 * E22

@@ -40,17 +40,17 @@ def kernel(function: F) -> F:
     counts from 0, a slice [a:b] has 0 ≤ a ≤ b and no step, and `a[…] = b` of two arrays wants equal shapes and no overlap;
     none of it is looked at.
     """
-    return cast(F, _packed(njit(**OPTIONS)(function)))
+    return _packed(function)
 
 
 def inlined(function: F) -> F:
     """A `kernel` that is copied into its callers."""
-    return cast(F, _packed(njit(**OPTIONS, forceinline=True)(function)))
+    return _packed(function, forceinline=True)
 
 
 def ordered(function: F) -> F:
     """As `inlined`, for numbers among which there is no NaN, and of which zero has no sign: minima are single instructions."""
-    return cast(F, _packed(njit(**OPTIONS, forceinline=True, fastmath={"nnan", "nsz"})(function)))
+    return _packed(function, forceinline=True, fastmath={"nnan", "nsz"})
 
 
 def heap(function: F) -> F:
@@ -58,11 +58,12 @@ def heap(function: F) -> F:
     return cast(F, njit(cache=True, nogil=True)(function))
 
 
-def _packed(dispatcher: Any) -> Any:
-    """The same, compiled with operations on neighbouring numbers packed into one instruction: the same results, sooner.
+def _packed(function: F, **more: Any) -> F:
+    """A function compiled with `OPTIONS` and more, operations on neighbouring numbers packed into one instruction.
 
-    numba has one switch for all that it compiles, and compiles one function at a time.
+    The results are the same. numba has one switch for all that it compiles, and compiles one function at a time.
     """
+    dispatcher = njit(**OPTIONS, **more)(function)
     compile_one = dispatcher.compile
 
     def compile_packed(signature: Any) -> Any:
@@ -74,7 +75,7 @@ def _packed(dispatcher: Any) -> Any:
                 config.SLP_VECTORIZE = before
 
     dispatcher.compile = compile_packed
-    return dispatcher
+    return cast(F, dispatcher)
 
 
 def _place(

@@ -84,7 +84,8 @@ def rotate_back(R: Array, a: Array, out: Array) -> None:
 
 
 @kernel
-def _rows(R: Array) -> tuple[Triple, Triple, Triple]:
+def rows(R: Array) -> tuple[Triple, Triple, Triple]:
+    """The rows of R (3, 3)."""
     return triple(R[0]), triple(R[1]), triple(R[2])
 
 
@@ -92,27 +93,17 @@ def _rows(R: Array) -> tuple[Triple, Triple, Triple]:
 def multiply(A: Array, B: Array, out: Array) -> None:
     """out = A B (out may be A or B)."""
     # Read before anything is written: the compiler need not ask whether out is B.
-    x, y, z = _rows(B)
+    x, y, z = rows(B)
     for i in range(3):
-        a, b, c = A[i, 0], A[i, 1], A[i, 2]
-        out[i, 0], out[i, 1], out[i, 2] = (
-            a * x[0] + b * y[0] + c * z[0],
-            a * x[1] + b * y[1] + c * z[1],
-            a * x[2] + b * y[2] + c * z[2],
-        )
+        out[i, 0], out[i, 1], out[i, 2] = plus(along(x, y, A[i, 0], A[i, 1]), A[i, 2], z)
 
 
 @kernel
 def multiply_back(A: Array, B: Array, out: Array) -> None:
     """out = Aᵀ B (out may be B)."""
-    x, y, z = _rows(B)
+    x, y, z = rows(B)
     for i in range(3):
-        a, b, c = A[0, i], A[1, i], A[2, i]
-        out[i, 0], out[i, 1], out[i, 2] = (
-            a * x[0] + b * y[0] + c * z[0],
-            a * x[1] + b * y[1] + c * z[1],
-            a * x[2] + b * y[2] + c * z[2],
-        )
+        out[i, 0], out[i, 1], out[i, 2] = plus(along(x, y, A[0, i], A[1, i]), A[2, i], z)
 
 
 @kernel

@@ -7,7 +7,6 @@ from regrasp.kernels.cores import PLANE, SEGMENT
 from regrasp.kernels.distances import boxes_far, distance
 from regrasp.kernels.native import kernel
 from regrasp.kernels.rotations import multiply, rotate
-from regrasp.kernels.stack import stack
 from regrasp.planner.hand import Hand
 
 Array = NDArray[np.float64]
@@ -32,12 +31,11 @@ def place_agent(
     first, last = hand.geom_start[i], hand.geom_start[i + 1]
     place(hand, first, last, R_PL, p_PL, R_WG, p_WG)
     if hand.base[i] > 0:
-        p = stack(3)
         for g in range(last - first):
             multiply(R_WP, R_WG[g], R_WG[g])
-            rotate(R_WP, p_WG[g], p)
+            rotate(R_WP, p_WG[g], p_WG[g])
             for a in range(3):
-                p_WG[g, a] = p_WP[a] + p[a]
+                p_WG[g, a] += p_WP[a]
 
 
 @kernel
